@@ -1,0 +1,28 @@
+//! Streaming detection of structural damage in railway viaducts from train passages.
+//!
+//! The data go one way, and each stage knows nothing of the next:
+//!
+//! | stage | module | takes | gives |
+//! |---|---|---|---|
+//! | stream | [`passage`] | raw sensor counts | one train passage, in m/s², with its quality |
+//! | model | [`bridge`], [`train`] | a blob from the PC, a train's name | the reduced bridge, the cars |
+//! | physics | [`interaction`] | bridge, train, damage | the accelerations they cause |
+//! | search | [`identify`] | a passage and the physics | the damage that explains it, and how surely |
+//! | decision | [`logger`] | all of the above | passage reports and alerts |
+//! | wire | [`wire`] | messages | frames on a serial line, and back |
+//!
+//! The same [`logger::Logger`] runs in the firmware (`src/bin/logger.rs`) and on a PC (`host-sim`).
+//! No heap, no operating system, no `unsafe`; `f32` on the logger, `f64` from the same source on the PC.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod bridge;
+pub mod capacity;
+pub mod identify;
+pub mod interaction;
+pub mod logger;
+pub mod math;
+pub mod passage;
+pub mod recorder;
+pub mod train;
+pub mod wire;

@@ -1,0 +1,278 @@
+//! The messages between base station and logger, one type for both ends.
+//!
+//! Each is a postcard payload; the frame's header carries its [`Kind`] and the version of all of them, [`VERSION`].
+//! A change of any layout here raises [`VERSION`], and an old peer then refuses the frame by its header.
+
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+use crate::capacity::{CHANNELS, ELEMENTS};
+
+/// Version of the message layouts of this module.
+pub const VERSION: u8 = 1;
+
+/// Raw counts in one block, over all channels.
+pub const BLOCK_COUNTS: usize = 96;
+/// Bytes of the bridge model in one chunk.
+pub const CHUNK_BYTES: usize = 256;
+
+/// What the base station says to a logger.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// How to read the sensors, what to call a passage, which train comes.
+    Configure(Configuration),
+    /// A piece of the bridge model's blob.
+    Model(ModelChunk),
+    /// Raw sensor counts, as a sensor driver would deliver them.
+    Samples(SampleBlock),
+    /// The recording ends here: close an open passage, finish its identification.
+    Finish,
+    /// Send a [`Status`].
+    Status,
+}
+
+/// What a logger says to the base station.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Report {
+    /// The answer to every request.
+    Acknowledge(Acknowledgement),
+    /// A train has passed.
+    Passage(PassageReport),
+    /// Damage, beyond doubt.
+    Alert(Alert),
+    /// The logger's health.
+    Status(Status),
+}
+
+/// How a logger reads its sensors and when it speaks of a passage.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Configuration {
+    /// Samples a second of each channel, Hz.
+    pub sample_rate_hz: f32,
+    /// One entry a channel, in the order of the counts of a block.
+    pub channels: Vec<Channel, CHANNELS>,
+    /// When a passage begins and ends.
+    pub trigger: Trigger,
+    /// Cut-off of the recorder's anti-alias filter (4th-order Butterworth, causal), Hz; none: no filter.
+    pub antialias_hz: Option<f32>,
+    /// The train that is expected; none: passages are found, nothing is identified.
+    pub traffic: Option<Traffic>,
+    /// Seed of the search.
+    pub seed: u64,
+}
+
+/// One accelerometer.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Channel {
+    /// Bridge node it sits at, from 1; 0 where there is no bridge model.
+    pub node: u16,
+    /// Acceleration of one count, m/s².
+    pub lsb_mps2: f32,
+    /// Counts at or beyond ± this are saturated.
+    pub full_scale_counts: i32,
+}
+
+/// When a passage begins and when it ends. Levels are RMS values over [`Trigger::window_s`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Trigger {
+    /// Length of the window of the running level, s.
+    pub window_s: f32,
+    /// A passage begins when the level stays above this multiple of the quiet level ...
+    pub on_ratio: f32,
+    /// ... for this time, s.
+    pub on_duration_s: f32,
+    /// It ends when the level stays below this multiple of the quiet level ...
+    pub off_ratio: f32,
+    /// ... for this time, s.
+    pub off_duration_s: f32,
+    /// The quiet level is never taken below this, m/s².
+    pub floor_mps2: f32,
+    /// Samples kept from before the beginning, s.
+    pub lead_s: f32,
+}
+
+/// The train that is expected and when.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Traffic {
+    /// What rolls.
+    pub train: TrainKind,
+    /// Number of cars.
+    pub cars: u8,
+    /// Speed, m/s.
+    pub speed_mps: f32,
+    /// Stream time (sample index / rate) at which the first axle reaches node 1, s.
+    pub entry_time_s: f64,
+    /// Scales the static wheel loads.
+    pub load_factor: f32,
+}
+
+/// The trains a logger knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TrainKind {
+    /// The paper's two-degree-of-freedom inspection car.
+    Inspection2Dof,
+}
+
+/// A piece of the bridge model's blob; the pieces come in order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ModelChunk {
+    /// Place of the first byte in the blob.
+    pub offset: u32,
+    /// Bytes of the whole blob.
+    pub total: u32,
+    /// The bytes.
+    pub bytes: Vec<u8, CHUNK_BYTES>,
+}
+
+/// Raw counts of consecutive samples, channel after channel within a sample.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SampleBlock {
+    /// Index of the first sample in the stream; a jump is a gap.
+    pub first_sample: u64,
+    /// `samples x channels` counts, at most [`BLOCK_COUNTS`].
+    pub counts: Vec<i32, BLOCK_COUNTS>,
+}
+
+/// The answer to a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Acknowledgement {
+    /// Sequence number of the request's frame.
+    pub of: u32,
+    /// What became of it.
+    pub outcome: Outcome,
+    /// An identification is running: a sender of recorded samples waits (it asks for the status until this clears).
+    pub busy: bool,
+}
+
+/// What became of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Outcome {
+    /// Done.
+    Done,
+    /// The configuration's values make no sense.
+    BadConfiguration,
+    /// The model was refused.
+    BadModel,
+    /// Samples before a configuration, or counts that do not fit the channels.
+    BadSamples,
+    /// Chunks of the model out of order, or too many bytes.
+    BadChunk,
+}
+
+/// What was wrong with the samples of a passage, counted over all channels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Quality {
+    /// Samples that never came.
+    pub missing: u32,
+    /// Samples at the end of the sensor's range.
+    pub saturated: u32,
+    /// Samples that repeat the one before for suspiciously long.
+    pub stuck: u32,
+}
+
+/// A train has passed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PassageReport {
+    /// Number of the passage since the start, from 1.
+    pub passage: u32,
+    /// Index of the first sample of the motion.
+    pub start_sample: u64,
+    /// Index one past the last sample of the motion.
+    pub end_sample: u64,
+    /// Largest acceleration of each channel, m/s².
+    pub peak_mps2: Vec<f32, CHANNELS>,
+    /// Level of the strongest channel, dB re 1 µm/s²; for the eye, ± 1 dB.
+    pub level_db: f32,
+    /// What was wrong with the samples.
+    pub quality: Quality,
+    /// What the search made of it.
+    pub verdict: Verdict,
+}
+
+/// What the search made of a passage.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Verdict {
+    /// No damage that the data would prove.
+    Healthy {
+        /// Misfit of the best pattern, (m/s²)².
+        objective: f32,
+    },
+    /// Damage; an [`Alert`] says where.
+    Damaged {
+        /// Misfit of the best pattern, (m/s²)².
+        objective: f32,
+    },
+    /// Nothing was identified.
+    NotIdentified(Reason),
+}
+
+/// Why nothing was identified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reason {
+    /// No bridge model is loaded.
+    NoModel,
+    /// Nobody said which train comes.
+    NoTraffic,
+    /// The train is not known to have been on the bridge during this passage.
+    NotThisTrain,
+    /// The passage is longer than the memory for it.
+    TooLong,
+    /// Missing, saturated or stuck samples.
+    BadQuality,
+    /// An earlier passage was still being identified.
+    Busy,
+    /// No pattern of damage explains the record.
+    Unexplained,
+}
+
+/// Damage: which elements, how much, how sure, on what evidence.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Alert {
+    /// Name of the bridge model.
+    pub bridge: String<24>,
+    /// Number of the passage since the start, from 1.
+    pub passage: u32,
+    /// Index of the first sample of the motion.
+    pub start_sample: u64,
+    /// Loss of bending stiffness of each element, per mille.
+    pub damage_permille: Vec<u16, ELEMENTS>,
+    /// Standard deviation of each, per mille.
+    pub std_permille: Vec<u16, ELEMENTS>,
+    /// Bit `e - 1` is set where element `e` is damaged beyond doubt.
+    pub certain: u16,
+    /// Misfit of this pattern, (m/s²)².
+    pub objective: f32,
+    /// Misfit of the undamaged bridge, (m/s²)².
+    pub objective_healthy: f32,
+    /// Train-bridge interaction analyses that it took.
+    pub forward_solves: u32,
+}
+
+/// The logger's health.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Status {
+    /// Samples taken in, of each channel.
+    pub samples: u64,
+    /// Passages since the start.
+    pub passages: u32,
+    /// Alerts since the start.
+    pub alerts: u32,
+    /// Frames accepted.
+    pub frames: u32,
+    /// Frames refused, for whatever reason.
+    pub rejected: u32,
+    /// Bytes lost because the receive queue was full.
+    pub overruns: u32,
+    /// What was wrong with samples so far.
+    pub quality: Quality,
+    /// An identification is running.
+    pub busy: bool,
+    /// Deepest stack so far, bytes; 0 on a PC.
+    pub stack_peak_bytes: u32,
+}
