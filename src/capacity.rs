@@ -2,8 +2,10 @@
 
 /// Elements (or groups of elements) of a bridge that can be damaged.
 pub const ELEMENTS: usize = 10;
-/// Vectors of the reduced basis: 8 modes and 9 static vectors for `girder50`.
-pub const BASIS: usize = 17;
+/// Vectors of the reduced basis: modes, and static vectors that represent damage.
+pub const BASIS: usize = 20;
+/// Vectors that the elements' shares of the stiffness are made of: two for a beam element.
+pub const FACTORS: usize = 2 * ELEMENTS;
 /// Modes of the damaged bridge that are stepped in time.
 pub const MODES: usize = 8;
 /// Nodes along the path of the wheels.
@@ -14,6 +16,12 @@ pub const SENSOR_PLACES: usize = PATH_NODES;
 pub const CHANNELS: usize = 3;
 /// Cars of a train.
 pub const CARS: usize = 16;
+/// Cars that touch a bridge at the same time.
+pub const CARS_ON_BRIDGE: usize = 4;
+/// Degrees of freedom of a car.
+pub const CAR_DOFS: usize = 2;
+/// Contact points of a car.
+pub const CONTACTS: usize = 2;
 /// Samples, counted over all channels, that a passage can hold: 92 s of one channel at 200 Hz, 30 s of three.
 pub const PASSAGE_SAMPLES: usize = 18_432;
 /// Bytes of an encoded bridge model.

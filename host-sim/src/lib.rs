@@ -1,1 +1,3 @@
-//! host-sim
+//! The PC side of Spanwatch.
+
+pub mod model;
