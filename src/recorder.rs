@@ -48,10 +48,18 @@ impl<T: Real> AntiAlias<T> {
             let norm = (T::one() + w * damping + w * w).recip();
             let b0 = w * w * norm;
             let two = T::of(2.0);
-            [b0, two * b0, b0, two * (w * w - T::one()) * norm, (T::one() - w * damping + w * w) * norm]
+            [
+                b0,
+                two * b0,
+                b0,
+                two * (w * w - T::one()) * norm,
+                (T::one() - w * damping + w * w) * norm,
+            ]
         };
         let eighth = T::pi() / T::of(8.0);
-        Self { sections: Some([section(eighth), section(T::of(3.0) * eighth)]) }
+        Self {
+            sections: Some([section(eighth), section(T::of(3.0) * eighth)]),
+        }
     }
 
     /// The next value of a channel.
@@ -77,7 +85,10 @@ mod tests {
         let mut state = AntiAliasState::default();
         let (mut square, mut n) = (0.0, 0);
         for k in 0..40_000 {
-            let y = filter.apply(&mut state, (core::f64::consts::TAU * f * k as f64 * step).sin_cos_exact().0);
+            let y = filter.apply(
+                &mut state,
+                (core::f64::consts::TAU * f * k as f64 * step).sin_cos_exact().0,
+            );
             if k > 20_000 {
                 square += y * y;
                 n += 1;
@@ -90,7 +101,8 @@ mod tests {
     fn the_filter_is_a_fourth_order_butterworth() {
         let step = 1e-3;
         let filter = AntiAlias::new(Some(40.0), step);
-        let warp = |f: f64| libm::tan(core::f64::consts::PI * f * step) / libm::tan(core::f64::consts::PI * 40.0 * step);
+        let warp =
+            |f: f64| libm::tan(core::f64::consts::PI * f * step) / libm::tan(core::f64::consts::PI * 40.0 * step);
         for f in [5.0, 20.0, 40.0, 80.0, 160.0] {
             let exact = 1.0 / libm::sqrt(1.0 + libm::pow(warp(f), 8.0));
             assert!((gain(&filter, f, step) - exact).abs() < 1e-4, "{f} Hz");

@@ -1,3 +1,5 @@
 //! The PC side of Spanwatch.
 
 pub mod model;
+pub mod evaluate;
+pub mod simulate;

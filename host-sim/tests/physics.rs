@@ -16,7 +16,12 @@ fn girder50() -> ReducedBridge<f64> {
 fn girder50_has_its_declared_frequencies() {
     let modal = ModalBridge::<f64, 8>::new(&girder50(), &[0.0; 10], &[]);
     for (k, expected) in [3.50002, 14.0015, 31.5168, 56.0928, 87.8454].iter().enumerate() {
-        assert!((modal.frequency_hz(k) / expected - 1.0).abs() < 2e-6, "mode {}: {}", k + 1, modal.frequency_hz(k));
+        assert!(
+            (modal.frequency_hz(k) / expected - 1.0).abs() < 2e-6,
+            "mode {}: {}",
+            k + 1,
+            modal.frequency_hz(k)
+        );
     }
     let mut damage = [0.0; 10];
     damage[4] = 0.30;
@@ -37,7 +42,11 @@ fn reduced_damage_bends_like_the_full_model() {
         for k in 0..8 {
             let error = modal.omega_squared[k] / lambda[k] - 1.0;
             let error32 = f64::from(modal32.omega_squared[k]) / modal.omega_squared[k] - 1.0;
-            println!("element {} {loss}: mode {} {error:.1e} f32 {error32:.1e}", element + 1, k + 1);
+            println!(
+                "element {} {loss}: mode {} {error:.1e} f32 {error32:.1e}",
+                element + 1,
+                k + 1
+            );
         }
     }
 }
@@ -54,20 +63,30 @@ fn relative_rms(found: &[f64], expected: &[f64]) -> f64 {
 #[test]
 fn inspection_car_agrees_with_independent_histories() {
     let bridge = girder50();
-    for (file, damaged) in
-        [("r1_2dof_1car_60kmh_healthy.csv", vec![]), ("r2_2dof_1car_60kmh_e1_21_e5_41.csv", vec![(0, 0.21), (4, 0.41)])]
-    {
-        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data/reference").join(file);
+    for (file, damaged) in [
+        ("r1_2dof_1car_60kmh_healthy.csv", vec![]),
+        ("r2_2dof_1car_60kmh_e1_21_e5_41.csv", vec![(0, 0.21), (4, 0.41)]),
+    ] {
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+            .join("../tests/data/reference")
+            .join(file);
         let mut reader = csv::Reader::from_path(path).expect("reference history");
-        let rows: Vec<Vec<f64>> =
-            reader.records().map(|r| r.expect("row").iter().map(|v| v.parse().expect("number")).collect()).collect();
+        let rows: Vec<Vec<f64>> = reader
+            .records()
+            .map(|r| r.expect("row").iter().map(|v| v.parse().expect("number")).collect())
+            .collect();
         let mut damage = [0.0; 10];
         for (element, loss) in damaged {
             damage[element] = loss;
         }
         let modal = ModalBridge::<f64, 8>::new(&bridge, &damage, &[2, 5, 8]);
         let train = Train::of_kind(TrainKind::Inspection2Dof, 1).expect("a car");
-        let run = Run { speed_mps: 60.0 / 3.6, entry_time_s: 0.0, load_factor: 1.0, kinematics: Kinematics::Paper };
+        let run = Run {
+            speed_mps: 60.0 / 3.6,
+            entry_time_s: 0.0,
+            load_factor: 1.0,
+            kinematics: Kinematics::Paper,
+        };
         let mut solver = Interaction::new(modal, train, run, 1e-3).expect("a run");
         let mut found = vec![vec![]; 6];
         for _ in &rows[1..] {

@@ -63,9 +63,13 @@ impl fmt::Display for BlobError {
                 "the bridge model has format version {found}, this program reads version {FORMAT_VERSION}; \
                  build the model again with this version's host-sim"
             ),
-            Self::Checksum => f.write_str("the bridge model's checksum is wrong: bytes were changed; copy or build it again"),
+            Self::Checksum => {
+                f.write_str("the bridge model's checksum is wrong: bytes were changed; copy or build it again")
+            }
             Self::Malformed => f.write_str("the bridge model does not hold the fields it should; build it again"),
-            Self::TooLarge => f.write_str("the bridge model is larger than the logger's memory for it (src/capacity.rs)"),
+            Self::TooLarge => {
+                f.write_str("the bridge model is larger than the logger's memory for it (src/capacity.rs)")
+            }
             Self::Absurd(what) => write!(f, "the bridge model is not believable: {what}"),
             Self::NoRoom => f.write_str("the buffer is too small for the bridge model"),
         }
@@ -127,7 +131,10 @@ pub fn write<'b>(bridge: &ReducedBridge<f32>, buffer: &'b mut [u8]) -> Result<&'
     let body = postcard::to_slice(&layout, rest).map_err(|_| BlobError::NoRoom)?.len();
     let crc = CRC32C.checksum(&buffer[..head + body]).to_le_bytes();
     let end = head + body + CRC_BYTES;
-    buffer.get_mut(head + body..end).ok_or(BlobError::NoRoom)?.copy_from_slice(&crc);
+    buffer
+        .get_mut(head + body..end)
+        .ok_or(BlobError::NoRoom)?
+        .copy_from_slice(&crc);
     Ok(&buffer[..end])
 }
 
@@ -159,7 +166,12 @@ fn believe(layout: &Layout) -> Result<(), BlobError> {
     let absurd = |what| Err(BlobError::Absurd(what));
     let n = layout.lambda.len();
     let vectors = (layout.factors.iter().map(|(_, b)| b))
-        .chain(layout.path.iter().flat_map(|(_, displacement, slope)| [displacement, slope]))
+        .chain(
+            layout
+                .path
+                .iter()
+                .flat_map(|(_, displacement, slope)| [displacement, slope]),
+        )
         .chain(layout.sensors.iter().map(|(_, row)| row));
     for vector in vectors {
         if vector.len() != n {

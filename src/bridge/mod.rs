@@ -83,7 +83,10 @@ pub struct Path<T: Real> {
 impl<T: Real> Path<T> {
     /// Length of the path, m.
     pub fn length_m(&self) -> T {
-        self.position_m[..self.nodes.min(PATH_NODES)].last().copied().unwrap_or(T::zero())
+        self.position_m[..self.nodes.min(PATH_NODES)]
+            .last()
+            .copied()
+            .unwrap_or(T::zero())
     }
 }
 

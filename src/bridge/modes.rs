@@ -41,17 +41,23 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
     pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>, places: &[usize]) -> Self {
         let (eigenvalues, vectors) = eigen(stiffness(bridge, damage), bridge.basis.min(BASIS));
         let mut order: [usize; BASIS] = core::array::from_fn(|i| i);
-        order[..bridge.basis.min(BASIS)]
-            .sort_unstable_by(|&a, &b| eigenvalues[a].partial_cmp(&eigenvalues[b]).unwrap_or(core::cmp::Ordering::Equal));
+        order[..bridge.basis.min(BASIS)].sort_unstable_by(|&a, &b| {
+            eigenvalues[a]
+                .partial_cmp(&eigenvalues[b])
+                .unwrap_or(core::cmp::Ordering::Equal)
+        });
 
         let available = M.min(bridge.basis);
         let [p1, p2] = bridge.rayleigh;
         // A mode that does not exist gets the first one's frequency and no shape.
-        let omega_squared =
-            SVector::from_fn(|k, _| eigenvalues[order[if k < available { k } else { 0 }]]);
+        let omega_squared = SVector::from_fn(|k, _| eigenvalues[order[if k < available { k } else { 0 }]]);
         let in_modes = |column: SVector<T, BASIS>| {
             SVector::<T, M>::from_fn(|k, _| {
-                if k < available { vectors.column(order[k]).dot(&column) } else { T::zero() }
+                if k < available {
+                    vectors.column(order[k]).dot(&column)
+                } else {
+                    T::zero()
+                }
             })
         };
         let mut sensors = [SVector::zeros(); CHANNELS];
@@ -96,7 +102,12 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
 /// `Phi^T K(d) Phi`.
 fn stiffness<T: Real>(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> SMatrix<T, BASIS, BASIS> {
     let mut matrix = SMatrix::<T, BASIS, BASIS>::identity();
-    for (column, &element) in bridge.factors.column_iter().zip(&bridge.factor_element).take(bridge.factor_count) {
+    for (column, &element) in bridge
+        .factors
+        .column_iter()
+        .zip(&bridge.factor_element)
+        .take(bridge.factor_count)
+    {
         let loss = damage.get(usize::from(element)).copied().unwrap_or(T::zero());
         if loss != T::zero() {
             for (j, &right) in column.iter().enumerate() {
@@ -109,10 +120,7 @@ fn stiffness<T: Real>(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> SMatrix<
 }
 
 /// Eigenvalues (unsorted) and eigenvectors (columns) of the leading `n x n` block of a symmetric positive matrix.
-fn eigen<T: Real>(
-    mut a: SMatrix<T, BASIS, BASIS>,
-    n: usize,
-) -> (SVector<T, BASIS>, SMatrix<T, BASIS, BASIS>) {
+fn eigen<T: Real>(mut a: SMatrix<T, BASIS, BASIS>, n: usize) -> (SVector<T, BASIS>, SMatrix<T, BASIS, BASIS>) {
     let mut v = SMatrix::<T, BASIS, BASIS>::identity();
     let tolerance = T::default_epsilon() * T::default_epsilon();
     for _ in 0..MAX_SWEEPS {
@@ -127,7 +135,11 @@ fn eigen<T: Real>(
                 // The smaller of the two angles that zero a_pq (Golub and Van Loan, 8.5.2).
                 let tau = (aqq - app) / (apq + apq);
                 let root = (T::one() + tau * tau).sqrt();
-                let t = if tau >= T::zero() { (tau + root).recip() } else { (tau - root).recip() };
+                let t = if tau >= T::zero() {
+                    (tau + root).recip()
+                } else {
+                    (tau - root).recip()
+                };
                 let c = (T::one() + t * t).sqrt().recip();
                 let s = t * c;
                 for k in 0..n {

@@ -20,7 +20,9 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
     /// The shapes at `x_m` from node 1; none off the bridge.
     pub fn shape_at(&self, x_m: T) -> Option<Shape<T, M>> {
         let nodes = self.position_m.get(..self.nodes)?;
-        let span = nodes.windows(2).position(|ends| matches!(ends, [a, b] if (*a..=*b).contains(&x_m)))?;
+        let span = nodes
+            .windows(2)
+            .position(|ends| matches!(ends, [a, b] if (*a..=*b).contains(&x_m)))?;
         let ([a, b], [left, right]) = (
             [*nodes.get(span)?, *nodes.get(span + 1)?],
             [self.path.get(span)?, self.path.get(span + 1)?],

@@ -66,7 +66,8 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         if self.started {
             for _ in 0..self.steps_per_sample {
                 self.interaction.step();
-                for (channel, (value, state)) in sample.iter_mut().zip(&mut self.states).take(self.channels).enumerate() {
+                for (channel, (value, state)) in sample.iter_mut().zip(&mut self.states).take(self.channels).enumerate()
+                {
                     *value = self.filter.apply(state, self.interaction.acceleration_mps2(channel));
                 }
             }

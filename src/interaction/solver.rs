@@ -131,7 +131,11 @@ impl<T: Real, const M: usize> Interaction<T, M> {
         if !(1..=CARS).contains(&train.cars) {
             return Err(SetupError::Cars);
         }
-        let length = bridge.position_m.get(..bridge.nodes).and_then(|nodes| nodes.last()).copied();
+        let length = bridge
+            .position_m
+            .get(..bridge.nodes)
+            .and_then(|nodes| nodes.last())
+            .copied();
         let touching = (length.unwrap_or(T::zero()) + train.car.length_m()) / train.pitch_m;
         if train.cars > CARS_ON_BRIDGE && touching >= T::of(CARS_ON_BRIDGE as f64) {
             return Err(SetupError::TooManyOnBridge);
@@ -148,9 +152,15 @@ impl<T: Real, const M: usize> Interaction<T, M> {
         });
         let inverse = matrix.cholesky().ok_or(SetupError::NotFinite)?;
         let compliance = contacts.map(|contact| inverse.solve(&SVector::from(contact.lever)).into());
-        let effective = bridge.omega_squared.zip_map(&bridge.damping, |w2, c| T::one() + gamma_h * c + beta_h2 * w2);
+        let effective = bridge
+            .omega_squared
+            .zip_map(&bridge.damping, |w2, c| T::one() + gamma_h * c + beta_h2 * w2);
         let zero = [T::zero(); CAR_DOFS];
-        let rest = CarState { position: zero, velocity: zero, acceleration: zero };
+        let rest = CarState {
+            position: zero,
+            velocity: zero,
+            acceleration: zero,
+        };
         Ok(Self {
             bridge,
             train,
@@ -267,11 +277,17 @@ impl<T: Real, const M: usize> Interaction<T, M> {
                 let predicted_force = k * rail + c * rail_rate;
                 let influence = shape.value * (beta_h2 * k + gamma_h * c) + shape.slope * (beta_h2 * c * v);
                 *push -= predicted_force;
-                *grip = Some(Grip { shape: *shape, predicted_force, influence });
+                *grip = Some(Grip {
+                    shape: *shape,
+                    predicted_force,
+                    influence,
+                });
             }
         }
         for (i, (contact, grip)) in contacts.iter().zip(grips.iter()).enumerate() {
-            let Some(Grip { shape, influence, .. }) = grip else { continue };
+            let Some(Grip { shape, influence, .. }) = grip else {
+                continue;
+            };
             let mass = contact.unsprung_kg;
             let rail_acceleration =
                 two * v * shape.slope.dot(&self.velocity) + v * v * shape.curvature.dot(&self.position);

@@ -61,7 +61,11 @@ impl<T: Real> Train<T> {
             return None;
         }
         Some(match kind {
-            TrainKind::Inspection2Dof => Self { car: inspection_car(), cars, pitch_m: T::of(25.0) },
+            TrainKind::Inspection2Dof => Self {
+                car: inspection_car(),
+                cars,
+                pitch_m: T::of(25.0),
+            },
         })
     }
 
@@ -74,7 +78,9 @@ impl<T: Real> Train<T> {
 impl<T: Real> Car<T> {
     /// Distance from the first contact to the last, m.
     pub fn length_m(&self) -> T {
-        self.contacts.iter().fold(T::zero(), |longest, contact| longest.max(contact.behind_m))
+        self.contacts
+            .iter()
+            .fold(T::zero(), |longest, contact| longest.max(contact.behind_m))
     }
 }
 
@@ -115,8 +121,12 @@ mod tests {
         let train = Train::<f64>::of_kind(TrainKind::Inspection2Dof, 1).expect("one car");
         let expected_hz = [1.1699, 1.1695];
         for (dof, expected) in expected_hz.iter().enumerate() {
-            let stiffness: f64 =
-                train.car.contacts.iter().map(|c| c.stiffness_npm * c.lever[dof] * c.lever[dof]).sum();
+            let stiffness: f64 = train
+                .car
+                .contacts
+                .iter()
+                .map(|c| c.stiffness_npm * c.lever[dof] * c.lever[dof])
+                .sum();
             let hz = libm::sqrt(stiffness / train.car.inertia[dof]) / core::f64::consts::TAU;
             assert!((hz - expected).abs() < 5e-5, "{hz}");
         }

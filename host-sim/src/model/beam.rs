@@ -32,15 +32,21 @@ impl Girder {
                 count - 1
             })
         };
-        let freedom: Vec<[Option<usize>; 2]> =
-            (1..=nodes).map(|node| [number(file.supports.contains(&node)), number(false)]).collect();
+        let freedom: Vec<[Option<usize>; 2]> = (1..=nodes)
+            .map(|node| [number(file.supports.contains(&node)), number(false)])
+            .collect();
 
         let stiffness = element_stiffness(file.bending_stiffness_nm2, length);
         let own_mass = element_mass(file.mass_per_length_kgpm, length);
         let mut mass = DMatrix::zeros(count, count);
         let mut shares = Vec::new();
         for element in 0..file.elements {
-            let ends = [freedom[element][0], freedom[element][1], freedom[element + 1][0], freedom[element + 1][1]];
+            let ends = [
+                freedom[element][0],
+                freedom[element][1],
+                freedom[element + 1][0],
+                freedom[element + 1][1],
+            ];
             let mut share = DMatrix::zeros(count, count);
             for (r, row) in ends.iter().enumerate() {
                 for (c, column) in ends.iter().enumerate() {
@@ -63,9 +69,12 @@ impl Girder {
     /// Stiffness matrix with the damage of each element (fraction lost; elements beyond the slice are whole).
     pub fn stiffness(&self, damage: &[f64]) -> DMatrix<f64> {
         let n = self.mass.nrows();
-        self.element_stiffness.iter().enumerate().fold(DMatrix::zeros(n, n), |sum, (element, share)| {
-            sum + share * (1.0 - damage.get(element).copied().unwrap_or(0.0))
-        })
+        self.element_stiffness
+            .iter()
+            .enumerate()
+            .fold(DMatrix::zeros(n, n), |sum, (element, share)| {
+                sum + share * (1.0 - damage.get(element).copied().unwrap_or(0.0))
+            })
     }
 }
 
@@ -79,23 +88,50 @@ pub fn natural_modes(stiffness: &DMatrix<f64>, mass: &DMatrix<f64>) -> Option<(V
     let mut order: Vec<usize> = (0..mass.nrows()).collect();
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
     let shapes = factor.transpose().solve_upper_triangular(&eigen.eigenvectors)?;
-    Some((order.iter().map(|&k| eigen.eigenvalues[k]).collect(), shapes.select_columns(&order)))
+    Some((
+        order.iter().map(|&k| eigen.eigenvalues[k]).collect(),
+        shapes.select_columns(&order),
+    ))
 }
 
 fn element_stiffness(ei: f64, l: f64) -> Matrix4<f64> {
     Matrix4::new(
-        12.0, 6.0 * l, -12.0, 6.0 * l, //
-        6.0 * l, 4.0 * l * l, -6.0 * l, 2.0 * l * l, //
-        -12.0, -6.0 * l, 12.0, -6.0 * l, //
-        6.0 * l, 2.0 * l * l, -6.0 * l, 4.0 * l * l,
+        12.0,
+        6.0 * l,
+        -12.0,
+        6.0 * l, //
+        6.0 * l,
+        4.0 * l * l,
+        -6.0 * l,
+        2.0 * l * l, //
+        -12.0,
+        -6.0 * l,
+        12.0,
+        -6.0 * l, //
+        6.0 * l,
+        2.0 * l * l,
+        -6.0 * l,
+        4.0 * l * l,
     ) * (ei / (l * l * l))
 }
 
 fn element_mass(m: f64, l: f64) -> Matrix4<f64> {
     Matrix4::new(
-        156.0, 22.0 * l, 54.0, -13.0 * l, //
-        22.0 * l, 4.0 * l * l, 13.0 * l, -3.0 * l * l, //
-        54.0, 13.0 * l, 156.0, -22.0 * l, //
-        -13.0 * l, -3.0 * l * l, -22.0 * l, 4.0 * l * l,
+        156.0,
+        22.0 * l,
+        54.0,
+        -13.0 * l, //
+        22.0 * l,
+        4.0 * l * l,
+        13.0 * l,
+        -3.0 * l * l, //
+        54.0,
+        13.0 * l,
+        156.0,
+        -22.0 * l, //
+        -13.0 * l,
+        -3.0 * l * l,
+        -22.0 * l,
+        4.0 * l * l,
     ) * (m * l / 420.0)
 }

@@ -29,7 +29,13 @@ pub struct BridgeFile {
 /// Reads and checks the text of a bridge file.
 pub fn parse(text: &str) -> Result<BridgeFile> {
     let bridge: BridgeFile = toml::from_str(text)?;
-    let BridgeFile { length_m, mass_per_length_kgpm, bending_stiffness_nm2, damping_ratio, .. } = bridge;
+    let BridgeFile {
+        length_m,
+        mass_per_length_kgpm,
+        bending_stiffness_nm2,
+        damping_ratio,
+        ..
+    } = bridge;
     if bridge.name.is_empty() || bridge.name.len() > 24 {
         bail!("name must have 1 to 24 letters, not {}", bridge.name.len());
     }
@@ -46,7 +52,10 @@ pub fn parse(text: &str) -> Result<BridgeFile> {
         bail!("damping_ratio must lie between 0 and 0.5, not {damping_ratio}");
     }
     if !(2..=ELEMENTS).contains(&bridge.elements) {
-        bail!("elements must be 2 to {ELEMENTS}, not {}: that is what a logger has memory for", bridge.elements);
+        bail!(
+            "elements must be 2 to {ELEMENTS}, not {}: that is what a logger has memory for",
+            bridge.elements
+        );
     }
     let nodes = bridge.elements + 1;
     if let Some(node) = bridge.supports.iter().find(|&&node| !(1..=nodes).contains(&node)) {

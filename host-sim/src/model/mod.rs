@@ -23,7 +23,10 @@ const SHIPPED: &[(&str, &str)] = &[("girder50", include_str!("../../bridges/gird
 pub fn shipped(name: &str) -> Result<BridgeFile> {
     let Some((_, text)) = SHIPPED.iter().find(|(known, _)| *known == name) else {
         let known: Vec<&str> = SHIPPED.iter().map(|(known, _)| *known).collect();
-        bail!("there is no bridge named \"{name}\"; the bridges known here are: {}", known.join(", "));
+        bail!(
+            "there is no bridge named \"{name}\"; the bridges known here are: {}",
+            known.join(", ")
+        );
     };
     file::parse(text).with_context(|| format!("bridge \"{name}\""))
 }

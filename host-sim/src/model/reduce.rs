@@ -25,9 +25,14 @@ pub fn reduce(file: &BridgeFile) -> Result<ReducedBridge<f64>> {
     let shape = |k: usize| modes.column(k).into_owned();
     let softening = |k: usize| {
         let (shape, whole) = (shape(k), &whole);
-        girder.element_stiffness.iter().map(move |share| whole.solve(&(share * &shape)))
+        girder
+            .element_stiffness
+            .iter()
+            .map(move |share| whole.solve(&(share * &shape)))
     };
-    let candidates = (0..file.basis_modes).map(shape).chain((0..file.basis_modes).flat_map(softening));
+    let candidates = (0..file.basis_modes)
+        .map(shape)
+        .chain((0..file.basis_modes).flat_map(softening));
     let span = mass_orthonormal(candidates, &girder.mass);
     let n = span.ncols();
     if n < file.basis_modes + file.elements - 1 && n < girder.mass.nrows() {
@@ -45,9 +50,15 @@ pub fn reduce(file: &BridgeFile) -> Result<ReducedBridge<f64>> {
     let mut bridge = empty(file, n, &values)?;
     let (w1, w2) = (lambda[0].sqrt(), lambda[1].sqrt());
     // Eqs 35 and 36 with equal ratios at both modes.
-    bridge.rayleigh = [2.0 * file.damping_ratio * w1 * w2 / (w1 + w2), 2.0 * file.damping_ratio / (w1 + w2)];
+    bridge.rayleigh = [
+        2.0 * file.damping_ratio * w1 * w2 / (w1 + w2),
+        2.0 * file.damping_ratio / (w1 + w2),
+    ];
 
-    let scale = DMatrix::from_diagonal(&DVector::from_iterator(n, values.iter().map(|value| value.sqrt().recip())));
+    let scale = DMatrix::from_diagonal(&DVector::from_iterator(
+        n,
+        values.iter().map(|value| value.sqrt().recip()),
+    ));
     for (element, share) in girder.element_stiffness.iter().enumerate() {
         let reduced = &scale * basis.transpose() * share * &basis * &scale;
         let eigen = SymmetricEigen::new((&reduced + reduced.transpose()) * 0.5);
@@ -55,9 +66,15 @@ pub fn reduce(file: &BridgeFile) -> Result<ReducedBridge<f64>> {
             if *value > NO_STIFFNESS {
                 let f = bridge.factor_count;
                 if f == FACTORS {
-                    return Err(anyhow!("bridge \"{}\" has more stiffness vectors than {FACTORS}", file.name));
+                    return Err(anyhow!(
+                        "bridge \"{}\" has more stiffness vectors than {FACTORS}",
+                        file.name
+                    ));
                 }
-                bridge.factors.view_mut((0, f), (n, 1)).copy_from(&(vector * value.sqrt()));
+                bridge
+                    .factors
+                    .view_mut((0, f), (n, 1))
+                    .copy_from(&(vector * value.sqrt()));
                 bridge.factor_element[f] = element as u8;
                 bridge.factor_count += 1;
             }
@@ -82,7 +99,11 @@ pub fn reduce(file: &BridgeFile) -> Result<ReducedBridge<f64>> {
 fn empty(file: &BridgeFile, n: usize, values: &[f64]) -> Result<ReducedBridge<f64>> {
     let nodes = file.elements + 1;
     Ok(ReducedBridge {
-        name: file.name.as_str().try_into().map_err(|_| anyhow!("name is longer than 24 bytes"))?,
+        name: file
+            .name
+            .as_str()
+            .try_into()
+            .map_err(|_| anyhow!("name is longer than 24 bytes"))?,
         basis: n,
         elements: file.elements,
         lambda: SVector::from_fn(|k, _| values.get(k).copied().unwrap_or(0.0)),

@@ -1,0 +1,218 @@
+//! A passage made by the computer: the interaction solved in `f64`, raw or through a recorder's chain, with noise.
+
+use anyhow::{Context, Result, anyhow, bail};
+use rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use spanwatch::bridge::{Damage, MAX_DAMAGE, ModalBridge, ReducedBridge};
+use spanwatch::capacity::{BASIS, CHANNELS, ELEMENTS};
+use spanwatch::interaction::{Interaction, Kinematics, Run};
+use spanwatch::recorder::{AntiAlias, AntiAliasState};
+use spanwatch::train::Train;
+use spanwatch::wire::message::TrainKind;
+
+/// What is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Acceleration, m/s², positive up.
+    Acceleration,
+    /// Displacement, mm, positive up.
+    Displacement,
+}
+
+/// Everything about a passage that is to be simulated.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// What rolls.
+    pub train: TrainKind,
+    /// Number of cars.
+    pub cars: usize,
+    /// Speed, km/h.
+    pub speed_kmh: f64,
+    /// Fraction of stiffness lost by each element.
+    pub damage: Damage<f64>,
+    /// Bridge nodes that are observed.
+    pub nodes: Vec<u16>,
+    /// What is observed there.
+    pub quantity: Quantity,
+    /// Modes of the damaged bridge, at most [`BASIS`].
+    pub modes: usize,
+    /// Step of the solver, s.
+    pub step_s: f64,
+    /// Samples a second; none: every step.
+    pub rate_hz: Option<f64>,
+    /// Cut-off of the recorder's filter, Hz; none: no filter.
+    pub antialias_hz: Option<f64>,
+    /// White noise, as a part of each channel's RMS.
+    pub noise: f64,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// Scales the static wheel loads.
+    pub load_factor: f64,
+    /// Time before the first axle enters, s.
+    pub lead_s: f64,
+    /// Time after the last axle has left, s.
+    pub tail_s: f64,
+    /// How the rail's motion under a wheel is taken.
+    pub kinematics: Kinematics,
+}
+
+impl Scenario {
+    /// One inspection car over a healthy bridge at 60 km/h, seen at mid-span of ten elements, raw.
+    pub fn inspection_car() -> Self {
+        Self {
+            train: TrainKind::Inspection2Dof,
+            cars: 1,
+            speed_kmh: 60.0,
+            damage: [0.0; ELEMENTS],
+            nodes: vec![6],
+            quantity: Quantity::Acceleration,
+            modes: 8,
+            step_s: 1e-3,
+            rate_hz: None,
+            antialias_hz: None,
+            noise: 0.0,
+            seed: 1,
+            load_factor: 1.0,
+            lead_s: 1.0,
+            tail_s: 2.0,
+            kinematics: Kinematics::Paper,
+        }
+    }
+
+    /// The recorder's chain of the design: 40 Hz low-pass, 200 samples a second.
+    pub fn recorded(self) -> Self {
+        Self { rate_hz: Some(200.0), antialias_hz: Some(40.0), ..self }
+    }
+
+    /// Time between samples, s.
+    pub fn sample_interval_s(&self) -> f64 {
+        self.rate_hz.map_or(self.step_s, f64::recip)
+    }
+
+    /// Solver steps from one sample to the next.
+    fn steps_per_sample(&self) -> Result<u32> {
+        let steps = self.sample_interval_s() / self.step_s;
+        let whole = steps.round();
+        if (steps - whole).abs() > 1e-6 * whole || whole < 1.0 {
+            bail!(
+                "--step-s {} does not divide the time between samples, {} s; take a step that does",
+                self.step_s,
+                self.sample_interval_s()
+            );
+        }
+        Ok(whole as u32)
+    }
+
+    fn check(&self) -> Result<()> {
+        let positive = [
+            ("--speed-kmh", self.speed_kmh),
+            ("--step-s", self.step_s),
+            ("--load-factor", self.load_factor),
+            ("--rate-hz", self.rate_hz.unwrap_or(1.0)),
+            ("--antialias-hz", self.antialias_hz.unwrap_or(1.0)),
+        ];
+        if let Some((name, value)) = positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+            bail!("{name} must be a positive number, not {value}");
+        }
+        let not_negative = [("--lead-s", self.lead_s), ("--tail-s", self.tail_s), ("--noise", self.noise)];
+        if let Some((name, value)) = not_negative.into_iter().find(|(_, value)| !(value.is_finite() && *value >= 0.0)) {
+            bail!("{name} must be zero or positive, not {value}");
+        }
+        if let Some(e) = self.damage.iter().position(|loss| !(0.0..=MAX_DAMAGE).contains(loss)) {
+            bail!("--damage of element {} must be 0 to {MAX_DAMAGE}, not {}", e + 1, self.damage[e]);
+        }
+        if self.nodes.is_empty() || self.nodes.len() > CHANNELS {
+            bail!("--nodes must name 1 to {CHANNELS} nodes, not {}", self.nodes.len());
+        }
+        if !(1..=BASIS).contains(&self.modes) {
+            bail!("--modes must be 1 to {BASIS}, not {}", self.modes);
+        }
+        if let Some(cutoff) = self.antialias_hz
+            && cutoff * self.step_s >= 0.5
+        {
+            bail!("--antialias-hz {cutoff} needs steps shorter than {} s", 0.5 / cutoff);
+        }
+        Ok(())
+    }
+}
+
+/// A simulated passage.
+#[derive(Debug, Clone)]
+pub struct Passage {
+    /// Time between samples, s; the first sample is at 0, the train enters at [`Scenario::lead_s`].
+    pub interval_s: f64,
+    /// One list of values a node.
+    pub channels: Vec<Vec<f64>>,
+}
+
+/// Solves a scenario.
+pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Passage> {
+    scenario.check()?;
+    let places = scenario
+        .nodes
+        .iter()
+        .map(|&node| {
+            bridge.sensor_at(node).with_context(|| {
+                format!("bridge \"{}\" has no node {node}; its nodes are 1 to {}", bridge.name, bridge.sensor_count)
+            })
+        })
+        .collect::<Result<Vec<usize>>>()?;
+    let train = Train::of_kind(scenario.train, scenario.cars)
+        .ok_or_else(|| anyhow!("--cars must be 1 to {}, not {}", spanwatch::capacity::CARS, scenario.cars))?;
+    let speed_mps = scenario.speed_kmh / 3.6;
+    let run = Run {
+        speed_mps,
+        entry_time_s: scenario.lead_s,
+        load_factor: scenario.load_factor,
+        kinematics: scenario.kinematics,
+    };
+    let modal = ModalBridge::<f64, BASIS>::new(bridge, &scenario.damage, &places).keep(scenario.modes);
+    let steps_per_sample = scenario.steps_per_sample()?;
+    let mut interaction = Interaction::new(modal, train, run, scenario.step_s)?;
+    let filter = AntiAlias::new(scenario.antialias_hz, scenario.step_s);
+    let mut states = [AntiAliasState::default(); CHANNELS];
+
+    let duration_s =
+        scenario.lead_s + (train.length_m() + bridge.path.length_m()) / speed_mps + scenario.tail_s;
+    let samples = (duration_s / scenario.sample_interval_s() + 1e-9).floor() as usize + 1;
+    let mut channels = vec![Vec::with_capacity(samples); places.len()];
+    for sample in 0..samples {
+        let mut values = [0.0; CHANNELS];
+        for _ in 0..if sample == 0 { 0 } else { steps_per_sample } {
+            interaction.step();
+            for (c, (value, state)) in values.iter_mut().zip(&mut states).take(places.len()).enumerate() {
+                let raw = match scenario.quantity {
+                    Quantity::Acceleration => interaction.acceleration_mps2(c),
+                    Quantity::Displacement => 1e3 * interaction.displacement_m(c),
+                };
+                *value = filter.apply(state, raw);
+            }
+        }
+        for (channel, value) in channels.iter_mut().zip(values) {
+            channel.push(value);
+        }
+    }
+    add_noise(&mut channels, scenario.noise, scenario.seed);
+    Ok(Passage { interval_s: scenario.sample_interval_s(), channels })
+}
+
+/// Adds white Gaussian noise, its standard deviation a part of each channel's RMS.
+fn add_noise(channels: &mut [Vec<f64>], part: f64, seed: u64) {
+    if part == 0.0 {
+        return;
+    }
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    for channel in channels {
+        let mean_square = channel.iter().map(|v| v * v).sum::<f64>() / channel.len() as f64;
+        let sigma = part * mean_square.sqrt();
+        for value in channel {
+            *value += sigma * gaussian(&mut rng);
+        }
+    }
+}
+
+/// A standard normal number (Box and Muller).
+fn gaussian(rng: &mut impl Rng) -> f64 {
+    let [u, v] = [0, 1].map(|_| ((rng.next_u64() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64);
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}

@@ -1,0 +1,132 @@
+//! The logger's identification: the small genetic search finds the basin, Gauss-Newton its bottom.
+//!
+//! Cut into slices: each call of [`Hybrid::advance`] makes one forward solve of the search or one pass of the refinement.
+//! Deterministic for a seed.
+
+use rand_core::SeedableRng;
+use rand_xoshiro::Xoshiro128PlusPlus;
+
+use super::CodeSearch;
+use super::code::DamageCode;
+use super::micro_ga::MicroGa;
+use super::objective::Problem;
+use super::refine::{Refinement, Stop, solves_per_pass};
+
+use crate::bridge::Damage;
+use crate::capacity::ELEMENTS;
+use crate::interaction::SetupError;
+
+/// Forward solves of the genetic search before the refinement begins.
+pub const BASIN_BUDGET: u32 = 80;
+
+/// An element is damaged beyond doubt if its damage exceeds this, a change worth an inspection, ...
+pub const ALARM_DAMAGE: f32 = 0.05;
+/// ... and this many standard deviations. With ten elements and 200 trains a day, Gaussian errors would exceed it by
+/// chance once in five years.
+pub const ALARM_DEVIATIONS: f32 = 5.0;
+/// Part of the recording's mean square that may remain unexplained; beyond it, the model is not of this passage.
+pub const UNEXPLAINED: f32 = 0.25;
+
+/// What a search found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Identification {
+    /// Fraction of bending stiffness lost by each element.
+    pub damage: Damage<f32>,
+    /// Standard deviation of each.
+    pub std: Damage<f32>,
+    /// The damage to the nearest 10 %.
+    pub code: DamageCode,
+    /// Misfit, (m/s²)².
+    pub objective: f32,
+    /// Misfit of the undamaged bridge, (m/s²)².
+    pub objective_healthy: f32,
+    /// Mean square of the recording, (m/s²)².
+    pub mean_square: f32,
+    /// Forward solves, the refinement's at their true cost.
+    pub forward_solves: u32,
+    /// Generations of the genetic search.
+    pub generations: u32,
+    /// Why the refinement ended.
+    pub stop: Stop,
+}
+
+impl Identification {
+    /// Whether element `e` (from 0) is damaged beyond doubt.
+    pub fn is_certain(&self, e: usize) -> bool {
+        let sure = |(&damage, &std): (&f32, &f32)| damage > ALARM_DAMAGE && damage > ALARM_DEVIATIONS * std;
+        self.explained() && self.damage.iter().zip(&self.std).nth(e).is_some_and(sure)
+    }
+
+    /// Bit `e` is set where element `e` (from 0) is damaged beyond doubt.
+    pub fn certain(&self) -> u16 {
+        (0..ELEMENTS)
+            .filter(|&e| self.is_certain(e))
+            .fold(0, |bits, e| bits | 1 << e)
+    }
+
+    /// Whether some damage pattern explains the recording at all.
+    pub fn explained(&self) -> bool {
+        self.objective <= UNEXPLAINED * self.mean_square
+    }
+}
+
+/// State of an identification.
+#[derive(Debug, Clone)]
+pub struct Hybrid {
+    search: MicroGa<Xoshiro128PlusPlus>,
+    refinement: Option<Refinement>,
+    forward_solves: u32,
+    objective_healthy: f32,
+}
+
+impl Hybrid {
+    /// An identification that has not begun.
+    pub fn new(seed: u64) -> Self {
+        Self {
+            search: MicroGa::new(Xoshiro128PlusPlus::seed_from_u64(seed), 0.0, BASIN_BUDGET),
+            refinement: None,
+            forward_solves: 0,
+            objective_healthy: 0.0,
+        }
+    }
+
+    /// Does one slice of the work; gives the result once it is there.
+    pub fn advance(&mut self, problem: &Problem<'_>) -> Result<Option<Identification>, SetupError> {
+        let refinement = match &mut self.refinement {
+            Some(refinement) => refinement,
+            None => {
+                let Some(code) = self.search.ask() else {
+                    self.refinement = Some(Refinement::new(self.search.best().0.damage()));
+                    return Ok(None);
+                };
+                let misfit = problem.misfit(&code.damage())?;
+                if self.forward_solves == 0 {
+                    // The search asks for the undamaged bridge first.
+                    self.objective_healthy = misfit;
+                }
+                self.forward_solves += 1;
+                self.search.tell(misfit);
+                return Ok(None);
+            }
+        };
+        let stop = refinement.advance(problem)?;
+        self.forward_solves += solves_per_pass(problem.bridge.elements);
+        let Some(stop) = stop else { return Ok(None) };
+        // A singular information matrix: the recording says nothing of some element.
+        let (damage, std, objective) =
+            refinement
+                .estimate(problem)
+                .unwrap_or(([0.0; ELEMENTS], [1.0; ELEMENTS], f32::INFINITY));
+        Ok(Some(Identification {
+            damage,
+            std,
+            code: DamageCode::nearest(&damage),
+            objective,
+            objective_healthy: self.objective_healthy,
+            mean_square: problem.mean_square(),
+            forward_solves: self.forward_solves,
+            generations: self.search.generations(),
+            stop,
+        }))
+    }
+}
