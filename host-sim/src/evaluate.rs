@@ -32,20 +32,72 @@ pub struct Case {
 
 /// Tables 6 and 7: the inspection car.
 pub const CASES_2DOF: [Case; 8] = [
-    Case { number: 1, damage: &[(5, 0.11)], speed_kmh: 60.0, cars: 1, paper_generations: 12 },
-    Case { number: 2, damage: &[(5, 0.41)], speed_kmh: 60.0, cars: 1, paper_generations: 40 },
-    Case { number: 3, damage: &[(1, 0.11)], speed_kmh: 60.0, cars: 1, paper_generations: 2 },
-    Case { number: 4, damage: &[(1, 0.21), (5, 0.41)], speed_kmh: 60.0, cars: 1, paper_generations: 265 },
-    Case { number: 5, damage: &[(5, 0.11)], speed_kmh: 120.0, cars: 1, paper_generations: 8 },
-    Case { number: 6, damage: &[(5, 0.11)], speed_kmh: 270.0, cars: 1, paper_generations: 9 },
-    Case { number: 7, damage: &[(5, 0.11)], speed_kmh: 120.0, cars: 16, paper_generations: 15 },
-    Case { number: 8, damage: &[(5, 0.11)], speed_kmh: 270.0, cars: 16, paper_generations: 169 },
+    Case {
+        number: 1,
+        damage: &[(5, 0.11)],
+        speed_kmh: 60.0,
+        cars: 1,
+        paper_generations: 12,
+    },
+    Case {
+        number: 2,
+        damage: &[(5, 0.41)],
+        speed_kmh: 60.0,
+        cars: 1,
+        paper_generations: 40,
+    },
+    Case {
+        number: 3,
+        damage: &[(1, 0.11)],
+        speed_kmh: 60.0,
+        cars: 1,
+        paper_generations: 2,
+    },
+    Case {
+        number: 4,
+        damage: &[(1, 0.21), (5, 0.41)],
+        speed_kmh: 60.0,
+        cars: 1,
+        paper_generations: 265,
+    },
+    Case {
+        number: 5,
+        damage: &[(5, 0.11)],
+        speed_kmh: 120.0,
+        cars: 1,
+        paper_generations: 8,
+    },
+    Case {
+        number: 6,
+        damage: &[(5, 0.11)],
+        speed_kmh: 270.0,
+        cars: 1,
+        paper_generations: 9,
+    },
+    Case {
+        number: 7,
+        damage: &[(5, 0.11)],
+        speed_kmh: 120.0,
+        cars: 16,
+        paper_generations: 15,
+    },
+    Case {
+        number: 8,
+        damage: &[(5, 0.11)],
+        speed_kmh: 270.0,
+        cars: 16,
+        paper_generations: 169,
+    },
 ];
 
 impl Case {
     /// The passage of this case.
     pub fn scenario(&self) -> Scenario {
-        let mut scenario = Scenario { speed_kmh: self.speed_kmh, cars: self.cars, ..Scenario::inspection_car() };
+        let mut scenario = Scenario {
+            speed_kmh: self.speed_kmh,
+            cars: self.cars,
+            ..Scenario::inspection_car()
+        };
         for &(element, loss) in self.damage {
             scenario.damage[element - 1] = loss;
         }
@@ -93,7 +145,11 @@ pub fn run(bridge: &ReducedBridge<f32>, case: &Case, method: Method, seed: u64) 
     let passage = simulate(&bridge.cast(), &scenario)?;
     let samples: Vec<f32> = passage.channels[0].iter().map(|&v| v as f32).collect();
     let observation = observation(bridge, &scenario)?;
-    let problem = Problem { bridge, observation: &observation, samples: &samples };
+    let problem = Problem {
+        bridge,
+        observation: &observation,
+        samples: &samples,
+    };
     let start = Instant::now();
     let rng = Xoshiro128PlusPlus::seed_from_u64(seed);
     Ok(match method {
@@ -132,7 +188,13 @@ fn search(problem: &Problem<'_>, mut search: impl CodeSearch, start: Instant) ->
     }
     let (code, objective) = search.best();
     let seconds = start.elapsed().as_secs_f64();
-    Ok(Found { code, objective, generations: search.generations(), forward_solves, seconds })
+    Ok(Found {
+        code,
+        objective,
+        generations: search.generations(),
+        forward_solves,
+        seconds,
+    })
 }
 
 fn observation(bridge: &ReducedBridge<f32>, scenario: &Scenario) -> Result<Observation<f32>> {
@@ -145,7 +207,11 @@ fn observation(bridge: &ReducedBridge<f32>, scenario: &Scenario) -> Result<Obser
             load_factor: scenario.load_factor as f32,
             kinematics: Kinematics::Paper,
         },
-        places: scenario.nodes.iter().filter_map(|&node| bridge.sensor_at(node)).collect(),
+        places: scenario
+            .nodes
+            .iter()
+            .filter_map(|&node| bridge.sensor_at(node))
+            .collect(),
         sample_rate_hz: rate as f32,
         steps_per_sample: (rate.recip() / scenario.step_s).round() as u32,
         antialias_hz: scenario.antialias_hz.map(|hz| hz as f32),

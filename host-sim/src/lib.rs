@@ -1,5 +1,5 @@
 //! The PC side of Spanwatch.
 
-pub mod model;
 pub mod evaluate;
+pub mod model;
 pub mod simulate;

@@ -81,7 +81,11 @@ impl Scenario {
 
     /// The recorder's chain of the design: 40 Hz low-pass, 200 samples a second.
     pub fn recorded(self) -> Self {
-        Self { rate_hz: Some(200.0), antialias_hz: Some(40.0), ..self }
+        Self {
+            rate_hz: Some(200.0),
+            antialias_hz: Some(40.0),
+            ..self
+        }
     }
 
     /// Time between samples, s.
@@ -111,15 +115,29 @@ impl Scenario {
             ("--rate-hz", self.rate_hz.unwrap_or(1.0)),
             ("--antialias-hz", self.antialias_hz.unwrap_or(1.0)),
         ];
-        if let Some((name, value)) = positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+        if let Some((name, value)) = positive
+            .into_iter()
+            .find(|(_, value)| !(value.is_finite() && *value > 0.0))
+        {
             bail!("{name} must be a positive number, not {value}");
         }
-        let not_negative = [("--lead-s", self.lead_s), ("--tail-s", self.tail_s), ("--noise", self.noise)];
-        if let Some((name, value)) = not_negative.into_iter().find(|(_, value)| !(value.is_finite() && *value >= 0.0)) {
+        let not_negative = [
+            ("--lead-s", self.lead_s),
+            ("--tail-s", self.tail_s),
+            ("--noise", self.noise),
+        ];
+        if let Some((name, value)) = not_negative
+            .into_iter()
+            .find(|(_, value)| !(value.is_finite() && *value >= 0.0))
+        {
             bail!("{name} must be zero or positive, not {value}");
         }
         if let Some(e) = self.damage.iter().position(|loss| !(0.0..=MAX_DAMAGE).contains(loss)) {
-            bail!("--damage of element {} must be 0 to {MAX_DAMAGE}, not {}", e + 1, self.damage[e]);
+            bail!(
+                "--damage of element {} must be 0 to {MAX_DAMAGE}, not {}",
+                e + 1,
+                self.damage[e]
+            );
         }
         if self.nodes.is_empty() || self.nodes.len() > CHANNELS {
             bail!("--nodes must name 1 to {CHANNELS} nodes, not {}", self.nodes.len());
@@ -153,12 +171,20 @@ pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Pass
         .iter()
         .map(|&node| {
             bridge.sensor_at(node).with_context(|| {
-                format!("bridge \"{}\" has no node {node}; its nodes are 1 to {}", bridge.name, bridge.sensor_count)
+                format!(
+                    "bridge \"{}\" has no node {node}; its nodes are 1 to {}",
+                    bridge.name, bridge.sensor_count
+                )
             })
         })
         .collect::<Result<Vec<usize>>>()?;
-    let train = Train::of_kind(scenario.train, scenario.cars)
-        .ok_or_else(|| anyhow!("--cars must be 1 to {}, not {}", spanwatch::capacity::CARS, scenario.cars))?;
+    let train = Train::of_kind(scenario.train, scenario.cars).ok_or_else(|| {
+        anyhow!(
+            "--cars must be 1 to {}, not {}",
+            spanwatch::capacity::CARS,
+            scenario.cars
+        )
+    })?;
     let speed_mps = scenario.speed_kmh / 3.6;
     let run = Run {
         speed_mps,
@@ -172,8 +198,7 @@ pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Pass
     let filter = AntiAlias::new(scenario.antialias_hz, scenario.step_s);
     let mut states = [AntiAliasState::default(); CHANNELS];
 
-    let duration_s =
-        scenario.lead_s + (train.length_m() + bridge.path.length_m()) / speed_mps + scenario.tail_s;
+    let duration_s = scenario.lead_s + (train.length_m() + bridge.path.length_m()) / speed_mps + scenario.tail_s;
     let samples = (duration_s / scenario.sample_interval_s() + 1e-9).floor() as usize + 1;
     let mut channels = vec![Vec::with_capacity(samples); places.len()];
     for sample in 0..samples {
@@ -193,7 +218,10 @@ pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Pass
         }
     }
     add_noise(&mut channels, scenario.noise, scenario.seed);
-    Ok(Passage { interval_s: scenario.sample_interval_s(), channels })
+    Ok(Passage {
+        interval_s: scenario.sample_interval_s(),
+        channels,
+    })
 }
 
 /// Adds white Gaussian noise, its standard deviation a part of each channel's RMS.
