@@ -1,1 +1,391 @@
-//! logger
+//! The logger: samples in, passage reports and alerts out. The same in the firmware and on a PC.
+//!
+//! ```text
+//! push(counts) -> stream -> passage -> identification, a slice at each poll() -> decision -> next_event()
+//! ```
+//!
+//! An alert is raised when an element's loss of stiffness is beyond doubt
+//! ([`Identification::is_certain`](crate::identify::Identification::is_certain)). While one passage is being identified
+//! the next one is found and reported, but its samples are not kept: there is memory for one.
+
+use core::fmt;
+
+use heapless::{Deque, Vec};
+use serde::{Deserialize, Serialize};
+
+use crate::bridge::ReducedBridge;
+use crate::capacity::{CARS, CHANNELS};
+use crate::identify::{Hybrid, Identification, Problem};
+use crate::interaction::{Kinematics, Observation, Run, SetupError};
+use crate::math::level_db;
+use crate::passage::stream::UnevenBlock;
+use crate::passage::{Kept, Passage, Stream};
+use crate::train::Train;
+use crate::wire::message::{Alert, Configuration, Event, PassageReport, Quality, Reason, Traffic, Trigger, Verdict};
+
+/// Longest step of the solver, s. At 1 ms Newmark's error in the recorder's band is below 1 % (40 Hz, 8 modes).
+const LONGEST_STEP_S: f32 = 1e-3;
+/// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
+const BAD_SAMPLES: f32 = 0.05;
+/// Events that wait for [`Logger::next_event`]: all that one block of samples or one slice of work can cause.
+const EVENTS: usize = 8;
+/// Fastest sampling that makes sense, Hz.
+const HIGHEST_RATE_HZ: f32 = 100_000.0;
+/// Fastest train that makes sense, m/s.
+const HIGHEST_SPEED_MPS: f32 = 200.0;
+
+/// What is wrong with a configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ConfigurationError {
+    /// The sample rate is not 1 Hz to 100 kHz.
+    Rate,
+    /// There is no channel.
+    Channels,
+    /// A channel's count stands for no acceleration, or its range is empty.
+    Scale,
+    /// A time, ratio or level of the trigger is not positive, or it ends above where it begins.
+    Trigger,
+    /// The anti-alias filter's cut-off is not positive.
+    Antialias,
+    /// Cars, speed (up to 200 m/s), entry time or load factor of the train make no sense.
+    Traffic,
+}
+
+impl fmt::Display for ConfigurationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Rate => "the sample rate must be 1 Hz to 100 kHz",
+            Self::Channels => "there must be at least one channel",
+            Self::Scale => "each channel needs a positive acceleration per count and a positive full scale",
+            Self::Trigger => {
+                "the trigger's times, ratios and floor must be positive, on_ratio above 1 and off_ratio not above it"
+            }
+            Self::Antialias => "the anti-alias filter's cut-off must be positive",
+            Self::Traffic => {
+                "the train must have 1 to 16 cars, a speed up to 200 m/s, a finite entry time, a positive load factor"
+            }
+        })
+    }
+}
+
+impl core::error::Error for ConfigurationError {}
+
+impl Configuration {
+    /// Refuses what makes no sense.
+    pub fn check(&self) -> Result<(), ConfigurationError> {
+        let positive = |value: f32| value > 0.0 && value.is_finite();
+        if !(1.0..=HIGHEST_RATE_HZ).contains(&self.sample_rate_hz) {
+            return Err(ConfigurationError::Rate);
+        }
+        if self.channels.is_empty() {
+            return Err(ConfigurationError::Channels);
+        }
+        if !self
+            .channels
+            .iter()
+            .all(|c| positive(c.lsb_mps2) && c.full_scale_counts > 0)
+        {
+            return Err(ConfigurationError::Scale);
+        }
+        let Trigger {
+            window_s,
+            on_ratio,
+            on_duration_s,
+            off_ratio,
+            off_duration_s,
+            floor_mps2,
+            lead_s,
+        } = self.trigger;
+        let all_positive = [window_s, on_duration_s, off_ratio, off_duration_s, floor_mps2]
+            .into_iter()
+            .all(positive);
+        if !all_positive || !positive(on_ratio - 1.0) || off_ratio > on_ratio || !(0.0..=60.0).contains(&lead_s) {
+            return Err(ConfigurationError::Trigger);
+        }
+        if self.antialias_hz.is_some_and(|hz| !positive(hz)) {
+            return Err(ConfigurationError::Antialias);
+        }
+        let makes_sense = |traffic: &Traffic| {
+            (1..=CARS).contains(&usize::from(traffic.cars))
+                && positive(traffic.speed_mps)
+                && traffic.speed_mps <= HIGHEST_SPEED_MPS
+                && traffic.entry_time_s.is_finite()
+                && positive(traffic.load_factor)
+        };
+        if !self.traffic.as_ref().is_none_or(makes_sense) {
+            return Err(ConfigurationError::Traffic);
+        }
+        Ok(())
+    }
+
+    /// Steps of the solver from one sample to the next.
+    pub fn steps_per_sample(&self) -> u32 {
+        // Adding almost one before the cast rounds up; a rate of exactly 1 kHz needs one step.
+        ((self.sample_rate_hz * LONGEST_STEP_S).recip() + 0.999) as u32
+    }
+}
+
+/// A passage that is being identified.
+#[derive(Debug, Clone)]
+struct Work {
+    observation: Observation<f32>,
+    search: Hybrid,
+    report: PassageReport,
+}
+
+/// State of the logger. Large: it belongs in static memory.
+#[derive(Debug, Clone)]
+pub struct Logger {
+    configuration: Option<Configuration>,
+    bridge: Option<ReducedBridge<f32>>,
+    stream: Stream,
+    work: Option<Work>,
+    events: Deque<Event, EVENTS>,
+    passages: u32,
+    alerts: u32,
+    solver_steps: u64,
+}
+
+impl Default for Logger {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Logger {
+    /// A logger without configuration and without a bridge: it takes no samples yet.
+    pub const fn new() -> Self {
+        Self {
+            configuration: None,
+            bridge: None,
+            stream: Stream::new(),
+            work: None,
+            events: Deque::new(),
+            passages: 0,
+            alerts: 0,
+            solver_steps: 0,
+        }
+    }
+
+    /// Starts afresh with a configuration; work in progress is dropped, the bridge model stays.
+    pub fn configure(&mut self, configuration: Configuration) -> Result<(), ConfigurationError> {
+        configuration.check()?;
+        self.stream.configure(&configuration);
+        self.work = None;
+        self.events.clear();
+        self.passages = 0;
+        self.alerts = 0;
+        self.solver_steps = 0;
+        self.configuration = Some(configuration);
+        Ok(())
+    }
+
+    /// Takes another bridge model; an identification in progress is dropped with the old one.
+    pub fn load(&mut self, bridge: ReducedBridge<f32>) {
+        self.bridge = Some(bridge);
+        if let Some(work) = self.work.take() {
+            self.report(work.report, Verdict::NotIdentified(Reason::NoModel));
+        }
+    }
+
+    /// Takes a block of raw counts, channel after channel within a sample, that begins at sample `first_sample` of the
+    /// stream. A jump in the index is a gap; what came before is passed over.
+    pub fn push(&mut self, first_sample: u64, counts: &[i32]) -> Result<(), UnevenBlock> {
+        self.stream.push(first_sample, counts)?;
+        self.take_passages();
+        Ok(())
+    }
+
+    /// The stream ends here: closes a passage that is open.
+    pub fn finish(&mut self) {
+        self.stream.interrupt();
+        self.take_passages();
+    }
+
+    /// Does one slice of the work that waits; true if there is more.
+    pub fn poll(&mut self) -> bool {
+        let (Some(work), Some(bridge)) = (&mut self.work, &self.bridge) else {
+            return false;
+        };
+        let problem = Problem {
+            bridge,
+            observation: &work.observation,
+            samples: self.stream.passage_samples(),
+        };
+        let solves = work.search.forward_solves();
+        let found = work.search.advance(&problem);
+        let samples = problem.recorded().len() as u64 * u64::from(work.observation.steps_per_sample);
+        let solves = u64::from(work.search.forward_solves().saturating_sub(solves));
+        self.solver_steps = self.solver_steps.saturating_add(solves * samples);
+        match found {
+            Ok(None) => return true,
+            Ok(Some(found)) => self.decide(&found),
+            Err(error) => self.end_work(Verdict::NotIdentified(Reason::Setup(error))),
+        }
+        false
+    }
+
+    /// An identification is running.
+    pub fn is_busy(&self) -> bool {
+        self.work.is_some()
+    }
+
+    /// The next thing that the base station should know.
+    pub fn next_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// Samples taken in, of each channel.
+    pub fn samples(&self) -> u64 {
+        self.stream.taken()
+    }
+
+    /// What was wrong with samples so far.
+    pub fn quality(&self) -> Quality {
+        self.stream.quality()
+    }
+
+    /// Passages so far.
+    pub fn passages(&self) -> u32 {
+        self.passages
+    }
+
+    /// Alerts so far.
+    pub fn alerts(&self) -> u32 {
+        self.alerts
+    }
+
+    /// Steps of the interaction solver so far.
+    pub fn solver_steps(&self) -> u64 {
+        self.solver_steps
+    }
+
+    fn take_passages(&mut self) {
+        while let Some(passage) = self.stream.next_passage() {
+            self.passages = self.passages.saturating_add(1);
+            let report = self.describe(&passage);
+            match self.observe(&passage) {
+                Ok(observation) => {
+                    let seed = self.configuration.as_ref().map_or(0, |c| c.seed);
+                    let search = Hybrid::new(seed);
+                    self.work = Some(Work {
+                        observation,
+                        search,
+                        report,
+                    });
+                }
+                Err(reason) => {
+                    if passage.kept == Kept::Whole {
+                        self.stream.release();
+                    }
+                    self.report(report, Verdict::NotIdentified(reason));
+                }
+            }
+        }
+    }
+
+    fn describe(&self, passage: &Passage) -> PassageReport {
+        let channels = self.configuration.as_ref().map_or(0, |c| c.channels.len());
+        PassageReport {
+            passage: self.passages,
+            start_sample: passage.start_sample,
+            end_sample: passage.end_sample,
+            peak_mps2: passage.peak_mps2.iter().take(channels).copied().collect(),
+            level_db: level_db(passage.mean_square),
+            quality: passage.quality,
+            verdict: Verdict::NotIdentified(Reason::NoModel),
+        }
+    }
+
+    /// How the passage is to be simulated, or why it cannot be.
+    fn observe(&self, passage: &Passage) -> Result<Observation<f32>, Reason> {
+        let (Some(bridge), Some(configuration)) = (&self.bridge, &self.configuration) else {
+            return Err(Reason::NoModel);
+        };
+        let traffic = configuration.traffic.as_ref().ok_or(Reason::NoTraffic)?;
+        match passage.kept {
+            Kept::Whole => {}
+            Kept::TooLong => return Err(Reason::TooLong),
+            Kept::Busy => return Err(Reason::Busy),
+        }
+        let samples = self.stream.passage_samples();
+        if passage.quality.total() as f32 > BAD_SAMPLES * samples.len() as f32 {
+            return Err(Reason::BadQuality);
+        }
+        let rate = configuration.sample_rate_hz;
+        let entry_time_s = (traffic.entry_time_s - passage.first_sample as f64 / f64::from(rate)) as f32;
+        let duration_s = (samples.len() / configuration.channels.len().max(1)) as f32 / rate;
+        if !(0.0..duration_s).contains(&entry_time_s) {
+            return Err(Reason::NotThisTrain);
+        }
+        let train = Train::of_kind(traffic.train, traffic.cars.into()).ok_or(Reason::Setup(SetupError::Cars))?;
+        let places = configuration
+            .channels
+            .iter()
+            .map(|channel| bridge.sensor_at(channel.node))
+            .collect::<Option<Vec<usize, CHANNELS>>>()
+            .ok_or(Reason::Setup(SetupError::NoSuchSensor))?;
+        Ok(Observation {
+            train,
+            run: Run {
+                speed_mps: traffic.speed_mps,
+                entry_time_s,
+                load_factor: traffic.load_factor,
+                kinematics: Kinematics::Paper,
+            },
+            places,
+            sample_rate_hz: rate,
+            steps_per_sample: configuration.steps_per_sample(),
+            antialias_hz: configuration.antialias_hz,
+        })
+    }
+
+    fn decide(&mut self, found: &Identification) {
+        let objective = found.objective;
+        let certain = found.certain();
+        if !found.explained() {
+            self.end_work(Verdict::NotIdentified(Reason::Unexplained));
+        } else if certain == 0 {
+            self.end_work(Verdict::Healthy { objective });
+        } else {
+            if let (Some(work), Some(bridge)) = (&self.work, &self.bridge) {
+                let permille = |values: &[f32]| {
+                    let whole = |value: &f32| (value * 1000.0 + 0.5) as u16;
+                    values.iter().take(bridge.elements).map(whole).collect()
+                };
+                let alert = Alert {
+                    bridge: bridge.name.clone(),
+                    passage: work.report.passage,
+                    start_sample: work.report.start_sample,
+                    damage_permille: permille(&found.damage),
+                    std_permille: permille(&found.std),
+                    certain,
+                    objective,
+                    objective_healthy: found.objective_healthy,
+                    forward_solves: found.forward_solves,
+                };
+                self.alerts = self.alerts.saturating_add(1);
+                self.emit(Event::Alert(alert));
+            }
+            self.end_work(Verdict::Damaged { objective });
+        }
+    }
+
+    /// The identification is over; the memory is free for the next passage.
+    fn end_work(&mut self, verdict: Verdict) {
+        self.stream.release();
+        if let Some(work) = self.work.take() {
+            self.report(work.report, verdict);
+        }
+    }
+
+    fn report(&mut self, report: PassageReport, verdict: Verdict) {
+        self.emit(Event::Passage(PassageReport { verdict, ..report }));
+    }
+
+    fn emit(&mut self, event: Event) {
+        // Whoever runs the logger fetches its events after every call; no call causes more of them.
+        let _ = self.events.push_back(event);
+    }
+}

@@ -28,8 +28,48 @@ const FREQUENCY_RANGE_HZ: [f32; 2] = [0.01, 1e6];
 /// Longest believable path, m.
 const MAX_LENGTH_M: f32 = 10_000.0;
 
+/// A value that no bridge has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Absurdity {
+    /// A shape is not finite.
+    Shape,
+    /// A natural frequency lies outside 0.01 Hz to 1 MHz.
+    Frequency,
+    /// The natural frequencies do not ascend.
+    Order,
+    /// The damping is negative.
+    Damping,
+    /// Stiffness of an element that does not exist.
+    Element,
+    /// The path is empty, longer than 10 km or begins before node 1.
+    Path,
+    /// The path's nodes do not ascend.
+    PathOrder,
+    /// There is no place for a sensor.
+    Sensors,
+    /// The elements' stiffnesses do not add up to the bridge's.
+    Stiffness,
+}
+
+impl fmt::Display for Absurdity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Shape => "a mode shape is not finite",
+            Self::Frequency => "a natural frequency lies outside 0.01 Hz to 1 MHz",
+            Self::Order => "the natural frequencies do not ascend",
+            Self::Damping => "the damping is negative",
+            Self::Element => "it has stiffness for an element that does not exist",
+            Self::Path => "the path is empty, longer than 10 km or begins before node 1",
+            Self::PathOrder => "the nodes of the path do not ascend",
+            Self::Sensors => "it has no place for a sensor",
+            Self::Stiffness => "the elements' stiffnesses do not add up to the bridge's",
+        })
+    }
+}
+
 /// Why a blob was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BlobError {
     /// Too short, or cut off.
@@ -47,8 +87,8 @@ pub enum BlobError {
     Malformed,
     /// The model is larger than this logger's memory for it (`capacity.rs`).
     TooLarge,
-    /// A value that no bridge has; the name says which.
-    Absurd(&'static str),
+    /// A value that no bridge has.
+    Absurd(Absurdity),
     /// The buffer for the blob is too small.
     NoRoom,
 }
@@ -178,41 +218,41 @@ fn believe(layout: &Layout) -> Result<(), BlobError> {
             return Err(BlobError::Malformed);
         }
         if !vector.iter().all(|value| value.is_finite()) {
-            return absurd("a shape that is not finite");
+            return absurd(Absurdity::Shape);
         }
     }
     let [lowest, highest] = FREQUENCY_RANGE_HZ.map(|hz| (core::f32::consts::TAU * hz) * (core::f32::consts::TAU * hz));
     if n == 0 || !layout.lambda.iter().all(|&value| (lowest..=highest).contains(&value)) {
-        return absurd("natural frequencies outside 0.01 Hz to 1 MHz");
+        return absurd(Absurdity::Frequency);
     }
     if !layout.lambda.is_sorted() {
-        return absurd("natural frequencies that do not ascend");
+        return absurd(Absurdity::Order);
     }
     if !layout.rayleigh.iter().all(|&p| p.is_finite() && p >= 0.0) {
-        return absurd("negative damping");
+        return absurd(Absurdity::Damping);
     }
     if layout.elements == 0 || usize::from(layout.elements) > ELEMENTS {
         return Err(BlobError::TooLarge);
     }
     if layout.factors.iter().any(|&(element, _)| element >= layout.elements) {
-        return absurd("stiffness of an element that does not exist");
+        return absurd(Absurdity::Element);
     }
     let positions = || layout.path.iter().map(|&(x, ..)| x);
     if layout.path.len() < 2 || positions().any(|x| !(0.0..=MAX_LENGTH_M).contains(&x)) {
-        return absurd("a path that is empty, longer than 10 km or before node 1");
+        return absurd(Absurdity::Path);
     }
     if positions().zip(positions().skip(1)).any(|(a, b)| b <= a) {
-        return absurd("path nodes that do not ascend");
+        return absurd(Absurdity::PathOrder);
     }
     if layout.sensors.is_empty() {
-        return absurd("no place for a sensor");
+        return absurd(Absurdity::Sensors);
     }
     for i in 0..n {
         for j in i..n {
             let sum: f32 = layout.factors.iter().map(|(_, b)| b[i] * b[j]).sum();
             let expected = if i == j { 1.0 } else { 0.0 };
             if (sum - expected).abs() > COMPLETENESS_TOLERANCE {
-                return absurd("element stiffnesses that do not add up to the bridge's");
+                return absurd(Absurdity::Stiffness);
             }
         }
     }

@@ -90,6 +90,11 @@ impl Hybrid {
         }
     }
 
+    /// Forward solves so far.
+    pub fn forward_solves(&self) -> u32 {
+        self.forward_solves
+    }
+
     /// Does one slice of the work; gives the result once it is there.
     pub fn advance(&mut self, problem: &Problem<'_>) -> Result<Option<Identification>, SetupError> {
         let refinement = match &mut self.refinement {

@@ -15,13 +15,13 @@ pub struct Problem<'a> {
     pub bridge: &'a ReducedBridge<f32>,
     /// Train, sensors and recorder; time 0 is that of the first sample.
     pub observation: &'a Observation<f32>,
-    /// Recorded accelerations, m/s², channel after channel within a sample.
+    /// Recorded accelerations, m/s², channel after channel within a sample; not-a-number where there is none.
     pub samples: &'a [f32],
 }
 
 impl Problem<'_> {
     /// The recorded samples, one slice of channels each.
-    pub fn recorded(&self) -> impl Iterator<Item = &[f32]> {
+    pub fn recorded(&self) -> impl ExactSizeIterator<Item = &[f32]> {
         self.samples.chunks_exact(self.observation.places.len().max(1))
     }
 
@@ -30,13 +30,16 @@ impl Problem<'_> {
         Simulation::new(self.bridge, damage, self.observation)
     }
 
-    /// Misfit of a damage pattern, (m/s²)²: one forward solve.
+    /// Misfit of a damage pattern, (m/s²)²: one forward solve. Samples without a value do not count.
     pub fn misfit(&self, damage: &Damage<f32>) -> Result<f32, SetupError> {
         let mut simulation = self.simulate(damage)?;
         let mut sum = 0.0;
         for recorded in self.recorded() {
             for (f, simulated) in recorded.iter().zip(simulation.sample()) {
-                sum += (f - simulated) * (f - simulated);
+                let residual = f - simulated;
+                if !residual.is_nan() {
+                    sum += residual * residual;
+                }
             }
         }
         Ok(sum / self.count())
@@ -44,11 +47,15 @@ impl Problem<'_> {
 
     /// Mean square of the recording, (m/s²)²: the misfit of saying nothing.
     pub fn mean_square(&self) -> f32 {
-        self.samples.iter().fold(0.0, |sum, f| sum + f * f) / self.count()
+        self.values().fold(0.0, |sum, f| sum + f * f) / self.count()
     }
 
     /// Recorded values, over all channels; at least 1.
     pub fn count(&self) -> f32 {
-        self.samples.len().max(1) as f32
+        self.values().count().max(1) as f32
+    }
+
+    fn values(&self) -> impl Iterator<Item = &f32> {
+        self.samples.iter().filter(|f| !f.is_nan())
     }
 }

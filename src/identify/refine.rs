@@ -188,6 +188,9 @@ fn normal_equations(problem: &Problem<'_>, damage: &Damage<f32>) -> Result<Norma
         }
         for ((row, f), simulated) in rows.iter().zip(recorded).zip(simulated) {
             let residual = f - simulated;
+            if residual.is_nan() {
+                continue;
+            }
             normal.sum_of_squares += residual * residual;
             normal.jtr.axpy(residual, row, 1.0);
             normal.jtj.ger(1.0, row, row, 1.0);

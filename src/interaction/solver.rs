@@ -22,6 +22,7 @@
 use core::fmt;
 
 use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use super::contact::Shape;
 use crate::bridge::ModalBridge;
@@ -59,7 +60,7 @@ pub enum Kinematics {
 }
 
 /// Why a run cannot be solved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SetupError {
     /// Speed, load factor, entry time or step are not positive finite numbers (the entry may be any finite time).

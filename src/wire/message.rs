@@ -1,12 +1,15 @@
 //! The messages between base station and logger, one type for both ends.
 //!
-//! Each is a postcard payload; the frame's header carries its [`Kind`] and the version of all of them, [`VERSION`].
-//! A change of any layout here raises [`VERSION`], and an old peer then refuses the frame by its header.
+//! Each is a postcard payload; the header of its [frame](super::frame) carries its kind and the version of all of them,
+//! [`VERSION`]. A change of any layout here raises [`VERSION`], and an old peer then refuses the frame by its header.
 
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
+use crate::bridge::BlobError;
 use crate::capacity::{CHANNELS, ELEMENTS};
+use crate::interaction::SetupError;
+use crate::logger::ConfigurationError;
 
 /// Version of the message layouts of this module.
 pub const VERSION: u8 = 1;
@@ -31,17 +34,22 @@ pub enum Request {
     Status,
 }
 
-/// What a logger says to the base station.
+/// What a logger says to each request.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Answer {
+    /// What became of the request.
+    Acknowledgement(Acknowledgement),
+    /// The logger's health.
+    Status(Status),
+}
+
+/// What a logger says on its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum Report {
-    /// The answer to every request.
-    Acknowledge(Acknowledgement),
+pub enum Event {
     /// A train has passed.
     Passage(PassageReport),
     /// Damage, beyond doubt.
     Alert(Alert),
-    /// The logger's health.
-    Status(Status),
 }
 
 /// How a logger reads its sensors and when it speaks of a passage.
@@ -134,11 +142,9 @@ pub struct SampleBlock {
     pub counts: Vec<i32, BLOCK_COUNTS>,
 }
 
-/// The answer to a request.
+/// What became of the request with the frame's sequence number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {
-    /// Sequence number of the request's frame.
-    pub of: u32,
     /// What became of it.
     pub outcome: Outcome,
     /// An identification is running: a sender of recorded samples waits (it asks for the status until this clears).
@@ -151,14 +157,14 @@ pub struct Acknowledgement {
 pub enum Outcome {
     /// Done.
     Done,
-    /// The configuration's values make no sense.
-    BadConfiguration,
+    /// The configuration was refused.
+    Configuration(ConfigurationError),
     /// The model was refused.
-    BadModel,
+    Model(BlobError),
     /// Samples before a configuration, or counts that do not fit the channels.
-    BadSamples,
+    Samples,
     /// Chunks of the model out of order, or too many bytes.
-    BadChunk,
+    Chunk,
 }
 
 /// What was wrong with the samples of a passage, counted over all channels.
@@ -171,6 +177,27 @@ pub struct Quality {
     pub saturated: u32,
     /// Samples that repeat the one before for suspiciously long.
     pub stuck: u32,
+}
+
+impl Quality {
+    /// Nothing wrong.
+    pub const NONE: Self = Self {
+        missing: 0,
+        saturated: 0,
+        stuck: 0,
+    };
+
+    /// All that is wrong.
+    pub fn total(&self) -> u32 {
+        self.missing.saturating_add(self.saturated).saturating_add(self.stuck)
+    }
+
+    /// Adds other samples' faults.
+    pub fn add(&mut self, other: &Self) {
+        self.missing = self.missing.saturating_add(other.missing);
+        self.saturated = self.saturated.saturating_add(other.saturated);
+        self.stuck = self.stuck.saturating_add(other.stuck);
+    }
 }
 
 /// A train has passed.
@@ -218,14 +245,16 @@ pub enum Reason {
     NoModel,
     /// Nobody said which train comes.
     NoTraffic,
-    /// The train is not known to have been on the bridge during this passage.
-    NotThisTrain,
     /// The passage is longer than the memory for it.
     TooLong,
-    /// Missing, saturated or stuck samples.
-    BadQuality,
     /// An earlier passage was still being identified.
     Busy,
+    /// Too many missing, saturated or stuck samples.
+    BadQuality,
+    /// The expected train enters before or after this passage.
+    NotThisTrain,
+    /// The expected train, bridge and sensors do not go together.
+    Setup(SetupError),
     /// No pattern of damage explains the record.
     Unexplained,
 }
@@ -253,6 +282,47 @@ pub struct Alert {
     pub forward_solves: u32,
 }
 
+/// Why a logger started.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Restart {
+    /// Power came on.
+    #[default]
+    PowerOn,
+    /// The program panicked.
+    Panic,
+    /// The processor faulted.
+    Fault,
+    /// The program hung.
+    Watchdog,
+}
+
+/// State that only the board under a logger knows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Health {
+    /// Received bytes lost, because the queue was full or nobody fetched them in time.
+    pub overruns: u32,
+    /// Deepest stack so far, bytes; 0 where it is not known.
+    pub stack_peak_bytes: u32,
+    /// Why the logger started.
+    pub restart: Restart,
+}
+
+/// What the work has cost, in ticks of the board's clock; 0 where there is none.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Effort {
+    /// Ticks spent on samples, from decoded block to answer.
+    pub stream_ticks: u64,
+    /// Ticks spent on identification.
+    pub identification_ticks: u64,
+    /// Longest slice of identification: so long no block of samples is looked at.
+    pub longest_slice_ticks: u64,
+    /// Steps of the interaction solver.
+    pub solver_steps: u64,
+}
+
 /// The logger's health.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -267,12 +337,12 @@ pub struct Status {
     pub frames: u32,
     /// Frames refused, for whatever reason.
     pub rejected: u32,
-    /// Bytes lost because the receive queue was full.
-    pub overruns: u32,
     /// What was wrong with samples so far.
     pub quality: Quality,
     /// An identification is running.
     pub busy: bool,
-    /// Deepest stack so far, bytes; 0 on a PC.
-    pub stack_peak_bytes: u32,
+    /// What the work has cost.
+    pub effort: Effort,
+    /// The board's own state.
+    pub health: Health,
 }

@@ -1,6 +1,12 @@
-//! wire
+//! The line between logger and base station: what is said ([`message`]) and how it is cut into frames ([`frame`]).
+//!
+//! Both ends use this module, so what one can say the other can read. A checksum guards against noise, not against
+//! malice: frames are not yet authenticated.
 
+pub mod frame;
 pub mod message;
+
+pub use frame::{Decoder, Frame, FrameBuffer, Kind, Rejections};
 
 /// CRC-32C (Castagnoli), of frames and of the bridge model.
 pub const CRC32C: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);

@@ -1,0 +1,202 @@
+//! Is something rolling over the bridge? A running level against the quiet one, with two thresholds and two durations.
+//!
+//! For each channel, with `x` the acceleration and exponential means `<.>`:
+//!
+//! ```text
+//! offset = <x> over OFFSET_S                      level^2 = <(x - offset)^2> over the trigger's window
+//! quiet^2 = <(x - offset)^2> over QUIET_S         ratio^2 = max over channels of level^2 / max(quiet, floor)^2
+//! ```
+//!
+//! Motion begins when the ratio stays above `on_ratio` for `on_duration` and ends when it stays below `off_ratio` for
+//! `off_duration`: a click is too short to begin it, a beat of the free vibration too short to end it. Offset and quiet
+//! level are learnt as plain means first and then slowly; they stand still from the first sample above `on_ratio`.
+//! A change of the surroundings that outlasts any train ends the motion too, and the quiet level is learnt anew.
+
+use crate::capacity::CHANNELS;
+use crate::wire::message::Trigger;
+
+/// Time constant of the offset, s.
+const OFFSET_S: f32 = 5.0;
+/// Time constant of the quiet level, s.
+const QUIET_S: f32 = 10.0;
+/// No motion is seen before the quiet level has been learnt for this long, s.
+const LEARN_S: f32 = 0.5;
+/// Motion that lasts longer, s, is no train: 16 cars at 20 km/h take 80 s.
+const LONGEST_S: f32 = 300.0;
+
+/// The trigger, its times in samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thresholds {
+    window: f32,
+    on_squared: f32,
+    on_samples: u32,
+    off_squared: f32,
+    off_samples: u32,
+    floor_squared: f32,
+    offset: f32,
+    quiet: f32,
+    learn: u32,
+    longest: u32,
+}
+
+impl Thresholds {
+    /// Nothing ever moves.
+    pub const NONE: Self = Self {
+        window: 1.0,
+        on_squared: f32::INFINITY,
+        on_samples: u32::MAX,
+        off_squared: 0.0,
+        off_samples: 1,
+        floor_squared: 1.0,
+        offset: 1.0,
+        quiet: 1.0,
+        learn: 0,
+        longest: u32::MAX,
+    };
+
+    /// The trigger for `rate_hz` samples a second.
+    pub fn new(trigger: &Trigger, rate_hz: f32) -> Self {
+        let samples = |seconds: f32| (seconds * rate_hz).max(1.0);
+        Self {
+            window: samples(trigger.window_s),
+            on_squared: trigger.on_ratio * trigger.on_ratio,
+            on_samples: samples(trigger.on_duration_s) as u32,
+            off_squared: trigger.off_ratio * trigger.off_ratio,
+            off_samples: samples(trigger.off_duration_s) as u32,
+            floor_squared: trigger.floor_mps2 * trigger.floor_mps2,
+            offset: samples(OFFSET_S),
+            quiet: samples(QUIET_S),
+            learn: samples(LEARN_S) as u32,
+            longest: samples(LONGEST_S) as u32,
+        }
+    }
+
+    /// Samples that a motion must be quiet for to end.
+    pub fn off_samples(&self) -> u32 {
+        self.off_samples
+    }
+
+    /// Square of the ratio below which a motion may end.
+    pub fn off_squared(&self) -> f32 {
+        self.off_squared
+    }
+}
+
+/// Levels of one channel.
+#[derive(Debug, Clone, Copy)]
+struct Levels {
+    offset: f32,
+    level_squared: f32,
+    quiet_squared: f32,
+}
+
+/// What the detector makes of a sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Whether something moves.
+    pub moving: bool,
+    /// Square of the ratio of level to quiet level.
+    pub ratio_squared: f32,
+}
+
+/// State of the detector.
+#[derive(Debug, Clone, Copy)]
+pub struct Detector {
+    channels: [Levels; CHANNELS],
+    learnt: u32,
+    /// Samples in a row above the upper threshold.
+    above: u32,
+    /// Samples in a row below the lower threshold, while moving.
+    below: u32,
+    /// Samples since the motion began.
+    moved: u32,
+    moving: bool,
+}
+
+impl Detector {
+    /// A detector that has learnt nothing.
+    pub const NEW: Self = Self {
+        channels: [Levels {
+            offset: 0.0,
+            level_squared: 0.0,
+            quiet_squared: 0.0,
+        }; CHANNELS],
+        learnt: 0,
+        above: 0,
+        below: 0,
+        moved: 0,
+        moving: false,
+    };
+
+    /// Offset of a channel, m/s²: it stands still while something moves.
+    pub fn offset(&self, channel: usize) -> f32 {
+        self.channels.get(channel).map_or(0.0, |levels| levels.offset)
+    }
+
+    /// Ends a motion at once, as after a gap.
+    pub fn interrupt(&mut self) {
+        self.moving = false;
+        self.above = 0;
+        for levels in &mut self.channels {
+            levels.level_squared = 0.0;
+        }
+    }
+
+    /// Takes the accelerations of one sample, m/s², a channel each; not-a-number where there is none.
+    pub fn push(&mut self, thresholds: &Thresholds, values: &[f32]) -> Seen {
+        self.learnt = self.learnt.saturating_add(1);
+        let at_rest = !self.moving && self.above == 0;
+        let mut ratio_squared = 0.0_f32;
+        for (levels, &x) in self.channels.iter_mut().zip(values) {
+            if !x.is_nan() {
+                levels.push(thresholds, x, at_rest, self.learnt);
+            }
+            let reference = levels.quiet_squared.max(thresholds.floor_squared);
+            ratio_squared = ratio_squared.max(levels.level_squared / reference);
+        }
+        if self.moving {
+            self.moved += 1;
+            self.below = if ratio_squared < thresholds.off_squared {
+                self.below + 1
+            } else {
+                0
+            };
+            if self.below >= thresholds.off_samples {
+                self.moving = false;
+                self.above = 0;
+            } else if self.moved >= thresholds.longest {
+                *self = Self::NEW;
+            }
+        } else if self.learnt > thresholds.learn {
+            self.above = if ratio_squared > thresholds.on_squared {
+                self.above + 1
+            } else {
+                0
+            };
+            if self.above >= thresholds.on_samples {
+                self.moving = true;
+                self.moved = 0;
+                self.below = 0;
+            }
+        }
+        Seen {
+            moving: self.moving,
+            ratio_squared,
+        }
+    }
+}
+
+impl Levels {
+    fn push(&mut self, thresholds: &Thresholds, x: f32, at_rest: bool, learnt: u32) {
+        // A plain mean until the exponential one has seen enough.
+        let weight = |samples: f32| samples.min(learnt as f32).recip();
+        if at_rest {
+            self.offset += weight(thresholds.offset) * (x - self.offset);
+        }
+        let square = (x - self.offset) * (x - self.offset);
+        self.level_squared += weight(thresholds.window) * (square - self.level_squared);
+        if at_rest {
+            self.quiet_squared += weight(thresholds.quiet) * (square - self.quiet_squared);
+        }
+    }
+}
