@@ -120,7 +120,7 @@ impl Stream {
     /// `first_sample` in the stream. Samples that came before are passed over, so a block may be sent twice.
     pub fn push(&mut self, first_sample: u64, counts: &[i32]) -> Result<(), UnevenBlock> {
         let channels = self.channels.len();
-        if channels == 0 || counts.len() % channels != 0 {
+        if channels == 0 || !counts.len().is_multiple_of(channels) {
             return Err(UnevenBlock);
         }
         let expected = self.next.unwrap_or(first_sample);
