@@ -119,8 +119,36 @@ impl Configuration {
         Ok(())
     }
 
+    /// How a passage of `traffic` is to be simulated whose samples begin at `first_sample` of the stream.
+    pub fn observe(
+        &self,
+        traffic: &Traffic,
+        bridge: &ReducedBridge<f32>,
+        first_sample: u64,
+    ) -> Result<Observation<f32>, SetupError> {
+        let places: Option<Vec<usize, CHANNELS>> = self
+            .channels
+            .iter()
+            .map(|channel| bridge.sensor_at(channel.node))
+            .collect();
+        let first_s = first_sample as f64 / f64::from(self.sample_rate_hz);
+        Ok(Observation {
+            train: Train::of_kind(traffic.train, traffic.cars.into()).ok_or(SetupError::Cars)?,
+            run: Run {
+                speed_mps: traffic.speed_mps,
+                entry_time_s: (traffic.entry_time_s - first_s) as f32,
+                load_factor: traffic.load_factor,
+                kinematics: Kinematics::Paper,
+            },
+            places: places.ok_or(SetupError::NoSuchSensor)?,
+            sample_rate_hz: self.sample_rate_hz,
+            steps_per_sample: self.steps_per_sample(),
+            antialias_hz: self.antialias_hz,
+        })
+    }
+
     /// Steps of the solver from one sample to the next.
-    pub fn steps_per_sample(&self) -> u32 {
+    fn steps_per_sample(&self) -> u32 {
         // Adding almost one before the cast rounds up; a rate of exactly 1 kHz needs one step.
         ((self.sample_rate_hz * LONGEST_STEP_S).recip() + 0.999) as u32
     }
@@ -313,32 +341,14 @@ impl Logger {
         if passage.quality.total() as f32 > BAD_SAMPLES * samples.len() as f32 {
             return Err(Reason::BadQuality);
         }
-        let rate = configuration.sample_rate_hz;
-        let entry_time_s = (traffic.entry_time_s - passage.first_sample as f64 / f64::from(rate)) as f32;
-        let duration_s = (samples.len() / configuration.channels.len().max(1)) as f32 / rate;
-        if !(0.0..duration_s).contains(&entry_time_s) {
+        let observation = configuration
+            .observe(traffic, bridge, passage.first_sample)
+            .map_err(Reason::Setup)?;
+        let duration_s = (samples.len() / configuration.channels.len().max(1)) as f32 / configuration.sample_rate_hz;
+        if !(0.0..duration_s).contains(&observation.run.entry_time_s) {
             return Err(Reason::NotThisTrain);
         }
-        let train = Train::of_kind(traffic.train, traffic.cars.into()).ok_or(Reason::Setup(SetupError::Cars))?;
-        let places = configuration
-            .channels
-            .iter()
-            .map(|channel| bridge.sensor_at(channel.node))
-            .collect::<Option<Vec<usize, CHANNELS>>>()
-            .ok_or(Reason::Setup(SetupError::NoSuchSensor))?;
-        Ok(Observation {
-            train,
-            run: Run {
-                speed_mps: traffic.speed_mps,
-                entry_time_s,
-                load_factor: traffic.load_factor,
-                kinematics: Kinematics::Paper,
-            },
-            places,
-            sample_rate_hz: rate,
-            steps_per_sample: configuration.steps_per_sample(),
-            antialias_hz: configuration.antialias_hz,
-        })
+        Ok(observation)
     }
 
     fn decide(&mut self, found: &Identification) {
