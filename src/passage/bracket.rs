@@ -1,13 +1,13 @@
 //! When the strong motion began and ended: the bracketed duration of earthquake engineering, found in constant memory.
 //!
-//! The strong motion is the time between the first and the last sample at which the level exceeds a tenth of its peak.
+//! The strong motion is the time between the first and the last sample at which the level exceeds a fifth of its peak.
 //! The peak is known at the end only, so first and last crossings are kept for a ladder of levels, each twice the one
-//! below, and the highest rung that is not above a tenth of the peak is taken: 5 to 10 % of it.
+//! below, and the highest rung that is not above a fifth of the peak is taken: 10 to 20 % of it.
 
 /// Rungs: from a level of 1 to 2^19 times the quiet one.
 const RUNGS: usize = 20;
 /// Square of the part of the peak level that counts as strong.
-const STRONG_SQUARED: f32 = 0.01;
+const STRONG_SQUARED: f32 = 0.04;
 
 /// First and last crossings of each rung since the motion began.
 #[derive(Debug, Clone, Copy)]

@@ -1,25 +1,30 @@
 //! Is something rolling over the bridge? A running level against the quiet one, with two thresholds and two durations.
 //!
-//! For each channel, with `x` the acceleration and exponential means `<.>`:
+//! For each channel, with `x` the acceleration and exponential means `<.>` over the times named:
 //!
 //! ```text
-//! offset = <x> over OFFSET_S                      level^2 = <(x - offset)^2> over the trigger's window
-//! quiet^2 = <(x - offset)^2> over QUIET_S         ratio^2 = max over channels of level^2 / max(quiet, floor)^2
+//! level^2 = <(x - <x>_drift)^2>_window          quiet^2 = <level^2>_rise where it is above, <level^2>_fall where below
+//! ratio^2 = max over channels of level^2 / max(quiet, floor)^2
 //! ```
 //!
 //! Motion begins when the ratio stays above `on_ratio` for `on_duration` and ends when it stays below `off_ratio` for
-//! `off_duration`: a click is too short to begin it, a beat of the free vibration too short to end it. Offset and quiet
-//! level are learnt as plain means first and then slowly; they stand still from the first sample above `on_ratio`.
-//! A change of the surroundings that outlasts any train ends the motion too, and the quiet level is learnt anew.
+//! `off_duration`: a click is too short to begin it, a beat of the free vibration too short to end it. The quiet level
+//! rises slowly, so that a train that comes nearer does not pass for its own background, and falls fast, so that the
+//! end of a passage does not hide the next train. It stands still from the first sample above `on_ratio`, and so does the
+//! offset, the mean that is taken from a passage's samples. A change of the surroundings that outlasts any train ends the
+//! motion too, and everything is learnt anew.
 
 use crate::capacity::CHANNELS;
 use crate::wire::message::Trigger;
 
 /// Time constant of the offset, s.
 const OFFSET_S: f32 = 5.0;
-/// Time constant of the quiet level, s.
-const QUIET_S: f32 = 10.0;
-/// No motion is seen before the quiet level has been learnt for this long, s.
+/// Time constant of the mean that is taken from the level, s: slower than any bridge, faster than a sensor's drift.
+const DRIFT_S: f32 = 1.0;
+/// Time constants of the quiet level, s.
+const QUIET_RISE_S: f32 = 60.0;
+const QUIET_FALL_S: f32 = 5.0;
+/// No motion is seen before the quiet level has been learnt, as a plain mean, for this long, s.
 const LEARN_S: f32 = 0.5;
 /// Motion that lasts longer, s, is no train: 16 cars at 20 km/h take 80 s.
 const LONGEST_S: f32 = 300.0;
@@ -34,7 +39,9 @@ pub struct Thresholds {
     off_samples: u32,
     floor_squared: f32,
     offset: f32,
-    quiet: f32,
+    drift: f32,
+    rise: f32,
+    fall: f32,
     learn: u32,
     longest: u32,
 }
@@ -49,7 +56,9 @@ impl Thresholds {
         off_samples: 1,
         floor_squared: 1.0,
         offset: 1.0,
-        quiet: 1.0,
+        drift: 1.0,
+        rise: 1.0,
+        fall: 1.0,
         learn: 0,
         longest: u32::MAX,
     };
@@ -65,10 +74,17 @@ impl Thresholds {
             off_samples: samples(trigger.off_duration_s) as u32,
             floor_squared: trigger.floor_mps2 * trigger.floor_mps2,
             offset: samples(OFFSET_S),
-            quiet: samples(QUIET_S),
+            drift: samples(DRIFT_S),
+            rise: samples(QUIET_RISE_S),
+            fall: samples(QUIET_FALL_S),
             learn: samples(LEARN_S) as u32,
             longest: samples(LONGEST_S) as u32,
         }
+    }
+
+    /// Samples that the level must be high for to begin a motion; at least 1.
+    pub fn on_samples(&self) -> u32 {
+        self.on_samples
     }
 
     /// Samples that a motion must be quiet for to end.
@@ -86,6 +102,7 @@ impl Thresholds {
 #[derive(Debug, Clone, Copy)]
 struct Levels {
     offset: f32,
+    drift: f32,
     level_squared: f32,
     quiet_squared: f32,
 }
@@ -118,6 +135,7 @@ impl Detector {
     pub const NEW: Self = Self {
         channels: [Levels {
             offset: 0.0,
+            drift: 0.0,
             level_squared: 0.0,
             quiet_squared: 0.0,
         }; CHANNELS],
@@ -190,13 +208,20 @@ impl Levels {
     fn push(&mut self, thresholds: &Thresholds, x: f32, at_rest: bool, learnt: u32) {
         // A plain mean until the exponential one has seen enough.
         let weight = |samples: f32| samples.min(learnt as f32).recip();
-        if at_rest {
-            self.offset += weight(thresholds.offset) * (x - self.offset);
-        }
-        let square = (x - self.offset) * (x - self.offset);
+        self.drift += weight(thresholds.drift) * (x - self.drift);
+        let square = (x - self.drift) * (x - self.drift);
         self.level_squared += weight(thresholds.window) * (square - self.level_squared);
         if at_rest {
-            self.quiet_squared += weight(thresholds.quiet) * (square - self.quiet_squared);
+            self.offset += weight(thresholds.offset) * (x - self.offset);
+            let above = self.level_squared - self.quiet_squared;
+            self.quiet_squared += above
+                * if learnt <= thresholds.learn {
+                    (learnt as f32).recip()
+                } else if above > 0.0 {
+                    thresholds.rise.recip()
+                } else {
+                    thresholds.fall.recip()
+                };
         }
     }
 }

@@ -186,7 +186,7 @@ impl Stream {
             return;
         }
         if self.open.is_none() {
-            self.begin(index);
+            self.begin(index, seen.ratio_squared);
         }
         if let Some(open) = &mut self.open {
             let kept = if open.kept == Kept::Whole {
@@ -198,8 +198,8 @@ impl Stream {
         }
     }
 
-    /// A passage begins at sample `index`.
-    fn begin(&mut self, index: u64) {
+    /// A passage begins at sample `index`, with that squared ratio of levels.
+    fn begin(&mut self, index: u64, ratio_squared: f32) {
         let channels = self.channels.len().max(1);
         let first_sample = index.saturating_sub((self.lead.len() / channels) as u64);
         let mut kept = Kept::Busy;
@@ -212,10 +212,20 @@ impl Stream {
                 }
             }
         }
+        // The level rose above the threshold a while ago; the first wheel's blow may be the strongest.
+        let onset = index.saturating_sub(u64::from(self.thresholds.on_samples() - 1));
+        let mut bracket = Bracket::new(self.thresholds.off_squared());
+        bracket.push(onset, ratio_squared);
+        let mut peak_mps2 = [0.0_f32; CHANNELS];
+        for (value, c) in self.lead.iter().zip((0..channels).cycle()) {
+            if let Some(peak) = peak_mps2.get_mut(c) {
+                *peak = peak.max((value - self.detector.offset(c)).abs());
+            }
+        }
         self.open = Some(Open {
             first_sample,
-            bracket: Bracket::new(self.thresholds.off_squared()),
-            peak_mps2: [0.0; CHANNELS],
+            bracket,
+            peak_mps2,
             sum_of_squares: [0.0; CHANNELS],
             samples: 0,
             quality: Quality::NONE,

@@ -99,6 +99,23 @@ pub struct Trigger {
     pub lead_s: f32,
 }
 
+impl Default for Trigger {
+    /// For bridges of some tens of metres. Bridges move at 2 to 10 Hz, so a quarter of a second is a period or two; three
+    /// times the quiet level is ten of its own deviations in such a window; a train's free vibration beats, but not for
+    /// two seconds; and half a millimetre per second squared is what a good recorder leaves on a quiet bridge.
+    fn default() -> Self {
+        Self {
+            window_s: 0.25,
+            on_ratio: 3.0,
+            on_duration_s: 0.1,
+            off_ratio: 2.0,
+            off_duration_s: 2.0,
+            floor_mps2: 5e-4,
+            lead_s: 1.5,
+        }
+    }
+}
+
 /// The train that is expected and when.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Traffic {

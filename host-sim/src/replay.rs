@@ -1,0 +1,173 @@
+//! Recorded passages through a logger: each recording's raw counts in blocks, as a sensor's driver would deliver them.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use spanwatch::bridge::ReducedBridge;
+use spanwatch::wire::message::{
+    Alert, BLOCK_COUNTS, Channel, Configuration, Event, PassageReport, Status, Traffic, Trigger,
+};
+
+use crate::recording::Recording;
+use crate::station::Station;
+use crate::{model, terminal};
+
+/// Seed of the logger's search where nobody gives one.
+pub const DEFAULT_SEED: u64 = 1;
+
+/// A recording that is ready to be replayed.
+pub struct Prepared {
+    /// File it came from.
+    pub path: PathBuf,
+    /// What was read.
+    pub recording: Recording,
+    /// Its bridge, if it names one.
+    pub bridge: Option<ReducedBridge<f64>>,
+    /// What the logger is told of it.
+    pub configuration: Configuration,
+}
+
+/// Something that a logger said of a recording, with times on the recording's clock, s.
+pub enum Told {
+    /// A passage.
+    Passage {
+        /// What the logger says.
+        report: PassageReport,
+        /// Beginning.
+        start_s: f64,
+        /// End.
+        end_s: f64,
+    },
+    /// An alert.
+    Alert {
+        /// What the logger says.
+        alert: Alert,
+        /// Beginning of its passage.
+        start_s: f64,
+    },
+}
+
+/// Reads a recording and everything it needs, and checks it, before any logger is asked.
+pub fn prepare(path: &Path, seed: u64) -> Result<Prepared> {
+    let recording = Recording::read(path)?;
+    prepare_read(path, recording, seed)
+}
+
+/// The same for a recording that has been read.
+pub fn prepare_read(path: &Path, recording: Recording, seed: u64) -> Result<Prepared> {
+    let name = path.display();
+    if recording.track.is_some() {
+        bail!("{name}: a track irregularity comes with a later version; leave the key track out for a smooth track");
+    }
+    let bridge = match &recording.bridge {
+        Some(bridge) => {
+            let file = model::shipped(bridge).with_context(|| name.to_string())?;
+            Some(model::reduce::reduce(&file)?)
+        }
+        None => None,
+    };
+    if let Some(bridge) = &bridge {
+        for channel in &recording.channels {
+            if let Some(node) = channel.node.filter(|&node| bridge.sensor_at(node).is_none()) {
+                bail!(
+                    "{name}: channel \"{}\" is at node {node}, but bridge \"{}\" has nodes 1 to {}",
+                    channel.column,
+                    bridge.name,
+                    bridge.sensor_count
+                );
+            }
+        }
+    }
+    let configuration = configuration(&recording, seed);
+    configuration.check().with_context(|| name.to_string())?;
+    Ok(Prepared {
+        path: path.to_owned(),
+        recording,
+        bridge,
+        configuration,
+    })
+}
+
+fn configuration(recording: &Recording, seed: u64) -> Configuration {
+    let traffic = || {
+        Some(Traffic {
+            train: recording.train?,
+            cars: recording.cars? as u8,
+            speed_mps: (recording.speed_kmh? / 3.6) as f32,
+            entry_time_s: recording.entry_in_stream_s()?,
+            load_factor: recording.load_factor.unwrap_or(1.0) as f32,
+        })
+    };
+    let channel = |channel: &crate::recording::Channel| Channel {
+        node: channel.node.unwrap_or(0),
+        lsb_mps2: channel.lsb_mps2,
+        full_scale_counts: channel.full_scale_counts,
+    };
+    Configuration {
+        sample_rate_hz: recording.rate_hz() as f32,
+        channels: recording.channels.iter().map(channel).collect(),
+        trigger: Trigger::default(),
+        antialias_hz: recording.antialias_hz.map(|hz| hz as f32),
+        traffic: traffic(),
+        seed,
+    }
+}
+
+impl Prepared {
+    /// What the TOML leaves open that an identification needs; nothing is identified until it is given.
+    pub fn missing_keys(&self) -> Vec<&'static str> {
+        let recording = &self.recording;
+        [
+            ("bridge", recording.bridge.is_none()),
+            ("train", recording.train.is_none()),
+            ("speed_kmh", recording.speed_kmh.is_none()),
+            ("entry_time_s", recording.entry_time_s.is_none()),
+        ]
+        .into_iter()
+        .filter_map(|(key, missing)| missing.then_some(key))
+        .collect()
+    }
+
+    /// Replays the recording; `tell` hears of everything that the logger says, as it comes.
+    pub fn replay(&self, station: &mut Station, mut tell: impl FnMut(&Told) -> Result<()>) -> Result<Status> {
+        if let Some(bridge) = &self.bridge {
+            station.load(bridge)?;
+        }
+        station.configure(&self.configuration)?;
+        let channels = self.recording.channels.len();
+        let rows = BLOCK_COUNTS / channels;
+        let counts = self.recording.to_counts();
+        let bar = terminal::progress(self.recording.rows() as u64, "replaying");
+        for run in &self.recording.runs {
+            let first = run.first_row * channels;
+            let of_run = &counts[first..first + run.rows * channels];
+            for (block, counts) in of_run.chunks(rows * channels).enumerate() {
+                station.samples(run.first_sample + (block * rows) as u64, counts)?;
+                bar.inc((counts.len() / channels) as u64);
+                self.hear(station, &mut tell)?;
+            }
+        }
+        let status = station.finish()?;
+        self.hear(station, &mut tell)?;
+        bar.finish_and_clear();
+        Ok(status)
+    }
+
+    fn hear(&self, station: &mut Station, tell: &mut impl FnMut(&Told) -> Result<()>) -> Result<()> {
+        let time_s = |sample: u64| self.recording.start_s + sample as f64 * self.recording.interval_s;
+        while let Some(event) = station.next_event() {
+            tell(&match event {
+                Event::Passage(report) => Told::Passage {
+                    start_s: time_s(report.start_sample),
+                    end_s: time_s(report.end_sample),
+                    report,
+                },
+                Event::Alert(alert) => Told::Alert {
+                    start_s: time_s(alert.start_sample),
+                    alert,
+                },
+            })?;
+        }
+        Ok(())
+    }
+}

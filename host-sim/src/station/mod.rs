@@ -1,0 +1,195 @@
+//! The base station: asks a logger over a [`Channel`], takes what it reports, says it in words ([`words`]) and stores its
+//! alerts ([`store`]).
+
+pub mod store;
+pub mod words;
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use spanwatch::bridge::ReducedBridge;
+use spanwatch::wire::frame::Refusal;
+use spanwatch::wire::message::{
+    Answer, CHUNK_BYTES, Configuration, Event, ModelChunk, Outcome, Request, SampleBlock, Status,
+};
+use spanwatch::wire::{Decoder, FrameBuffer, Kind};
+
+use crate::channel::Channel;
+use crate::model;
+
+/// An answer takes a logger a slice of identification at most: seconds on the slowest board that we know.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
+/// A request is sent so often; asking twice does no harm.
+const TRIES: u32 = 3;
+/// Pause between two questions whether the logger is still busy.
+const BUSY_PAUSE: Duration = Duration::from_millis(100);
+/// An identification that takes longer hangs: a 16-car train takes minutes on the slowest board.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(3600);
+
+/// The base station's end of a line to one logger.
+pub struct Station {
+    channel: Box<dyn Channel>,
+    decoder: Decoder,
+    out: FrameBuffer,
+    sequence: u32,
+    events: VecDeque<Event>,
+    frames: u64,
+}
+
+impl Station {
+    /// A station at the end of `channel`.
+    pub fn new(channel: Box<dyn Channel>) -> Self {
+        Self {
+            channel,
+            decoder: Decoder::new(),
+            out: FrameBuffer::new(),
+            sequence: 0,
+            events: VecDeque::new(),
+            frames: 0,
+        }
+    }
+
+    /// Frames of the logger that were accepted.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Frames that were refused here.
+    pub fn rejected(&self) -> u32 {
+        self.decoder.rejections().total()
+    }
+
+    /// The next thing that the logger has said on its own.
+    pub fn next_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// Configures the logger.
+    pub fn configure(&mut self, configuration: &Configuration) -> Result<()> {
+        self.command(&Request::Configure(configuration.clone())).map(|_| ())
+    }
+
+    /// Gives the logger a bridge model.
+    pub fn load(&mut self, bridge: &ReducedBridge<f64>) -> Result<()> {
+        let blob = model::to_blob(bridge)?;
+        for (chunk, bytes) in blob.chunks(CHUNK_BYTES).enumerate() {
+            let chunk = ModelChunk {
+                offset: (chunk * CHUNK_BYTES) as u32,
+                total: blob.len() as u32,
+                bytes: bytes.iter().copied().collect(),
+            };
+            self.command(&Request::Model(chunk))?;
+        }
+        Ok(())
+    }
+
+    /// Sends samples; then waits until the logger has time for more.
+    pub fn samples(&mut self, first_sample: u64, counts: &[i32]) -> Result<()> {
+        let block = SampleBlock {
+            first_sample,
+            counts: counts.iter().copied().collect(),
+        };
+        if self.command(&Request::Samples(block))? {
+            self.wait_until_idle()?;
+        }
+        Ok(())
+    }
+
+    /// Ends the recording and waits until everything in it has been identified.
+    pub fn finish(&mut self) -> Result<Status> {
+        self.command(&Request::Finish)?;
+        self.wait_until_idle()
+    }
+
+    fn wait_until_idle(&mut self) -> Result<Status> {
+        let start = Instant::now();
+        loop {
+            let Answer::Status(status) = self.ask(&Request::Status)? else {
+                bail!("the logger answers a question with something else: is it of another version?");
+            };
+            if !status.busy {
+                return Ok(status);
+            }
+            if start.elapsed() > BUSY_TIMEOUT {
+                bail!("the logger has been identifying one passage for an hour");
+            }
+            self.listen(BUSY_PAUSE)?;
+        }
+    }
+
+    /// A request whose answer is an acknowledgement; whether the logger is busy now.
+    fn command(&mut self, request: &Request) -> Result<bool> {
+        match self.ask(request)? {
+            Answer::Acknowledgement(answer) => match answer.outcome {
+                Outcome::Done => Ok(answer.busy),
+                Outcome::Configuration(error) => bail!("the logger refuses its configuration: {error}"),
+                Outcome::Model(error) => bail!("the logger refuses the bridge model: {error}"),
+                Outcome::Samples => {
+                    bail!("the logger refuses the samples: it has no configuration, or they fit no channels")
+                }
+                Outcome::Chunk => bail!("the logger refuses a piece of the bridge model: it is out of order or too long"),
+            },
+            Answer::Status(_) => bail!("the logger answers a request with its status: is it of another version?"),
+        }
+    }
+
+    /// Sends a request until it is answered.
+    fn ask(&mut self, request: &Request) -> Result<Answer> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let frame = self
+            .out
+            .write(Kind::Request, self.sequence, request)
+            .ok()
+            .context("the request does not fit into a frame")?
+            .to_vec();
+        for _ in 0..TRIES {
+            self.channel.send(&frame).context("cannot send to the logger")?;
+            let deadline = Instant::now() + ANSWER_TIMEOUT;
+            while let Some(left) = deadline.checked_duration_since(Instant::now()) {
+                if let Some(answer) = self.listen(left)? {
+                    return Ok(answer);
+                }
+            }
+        }
+        let refused = match self.rejected() {
+            0 => String::new(),
+            count => format!("; {count} frames from it were refused, so it may speak another version"),
+        };
+        bail!(
+            "the logger does not answer: {TRIES} tries of {} s{refused}",
+            ANSWER_TIMEOUT.as_secs()
+        );
+    }
+
+    /// Takes what the line gives within `timeout`; ends early with the answer to the last request.
+    fn listen(&mut self, timeout: Duration) -> Result<Option<Answer>> {
+        let mut buffer = [0; 1024];
+        let count = self
+            .channel
+            .receive(&mut buffer, timeout)
+            .context("cannot hear the logger")?;
+        let mut found = None;
+        for &byte in &buffer[..count] {
+            let Some(frame) = self.decoder.push(byte) else { continue };
+            let read = match frame.kind {
+                Kind::Answer => frame.message().map(|answer| {
+                    // An answer to a request that was asked again comes twice.
+                    if frame.sequence == self.sequence {
+                        found = Some(answer);
+                    }
+                }),
+                Kind::Event => frame.message().map(|event| self.events.push_back(event)),
+                Kind::Request => {
+                    self.decoder.refuse(Refusal::Kind);
+                    continue;
+                }
+            };
+            match read {
+                Some(()) => self.frames += 1,
+                None => self.decoder.refuse(Refusal::Payload),
+            }
+        }
+        Ok(found)
+    }
+}

@@ -1,0 +1,126 @@
+//! What a logger reports, as sentences for an engineer.
+
+use std::fmt::Write as _;
+
+use spanwatch::wire::message::{Alert, PassageReport, Quality, Reason, Restart, Status, Verdict};
+
+/// Damage below this, per mille, is not worth a word.
+const WORTH_A_WORD_PERMILLE: u16 = 20;
+
+/// A passage, with times in the recording's own clock.
+pub fn passage(report: &PassageReport, start_s: f64, end_s: f64) -> String {
+    let peak = report.peak_mps2.iter().fold(0.0_f32, |most, &peak| most.max(peak));
+    let mut text = format!(
+        "Passage {}: {start_s:.2} s to {end_s:.2} s, peak {peak:.3} m/s², level {:.0} dB re 1 µm/s².",
+        report.passage, report.level_db
+    );
+    let _ = match &report.verdict {
+        Verdict::Healthy { objective } => {
+            write!(text, " Healthy: no element shows damage beyond doubt (misfit {objective:.1e} (m/s²)²).")
+        }
+        Verdict::Damaged { objective } => {
+            write!(text, " Damage: see the alert (misfit {objective:.1e} (m/s²)²).")
+        }
+        Verdict::NotIdentified(reason) => write!(text, " Nothing was identified: {}.", why(reason)),
+    };
+    if report.quality.total() > 0 {
+        let _ = write!(text, " Among its samples {}.", faults(&report.quality));
+    }
+    text
+}
+
+/// Why nothing was identified.
+fn why(reason: &Reason) -> String {
+    match reason {
+        Reason::NoModel => "the logger has no model of this bridge".to_owned(),
+        Reason::NoTraffic => "the logger was not told which train passes, how fast and when".to_owned(),
+        Reason::TooLong => "the passage is longer than the logger's memory for it".to_owned(),
+        Reason::Busy => "the logger was still identifying an earlier passage".to_owned(),
+        Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
+        Reason::NotThisTrain => "the train that was announced did not enter the bridge during it".to_owned(),
+        Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
+        Reason::Unexplained => {
+            "no pattern of damage explains the record; check train, speed and entry time".to_owned()
+        }
+    }
+}
+
+/// Faults of samples.
+pub fn faults(quality: &Quality) -> String {
+    let parts: Vec<String> = [
+        (quality.missing, "missing"),
+        (quality.saturated, "saturated"),
+        (quality.stuck, "stuck"),
+    ]
+    .into_iter()
+    .filter(|(count, _)| *count > 0)
+    .map(|(count, what)| format!("{count} {what}"))
+    .collect();
+    if parts.is_empty() { "none bad".to_owned() } else { parts.join(", ") }
+}
+
+/// An alert.
+pub fn alert(alert: &Alert) -> String {
+    let percent = |permille: u16| f64::from(permille) / 10.0;
+    let elements = || alert.damage_permille.iter().zip(&alert.std_permille).enumerate();
+    let is_certain = |e: usize| alert.certain >> e & 1 == 1;
+    let named = |e: usize, damage: u16, std: u16| {
+        format!("element {} has lost {:.1} ± {:.1} %", e + 1, percent(damage), 2.0 * percent(std))
+    };
+    let certain: Vec<String> = elements()
+        .filter(|(e, _)| is_certain(*e))
+        .map(|(e, (&damage, &std))| named(e, damage, std))
+        .collect();
+    let possible: Vec<String> = elements()
+        .filter(|(e, (damage, std))| !is_certain(*e) && **damage >= WORTH_A_WORD_PERMILLE && *damage > *std)
+        .map(|(e, (&damage, &std))| {
+            format!("element {} {:.1} ± {:.1} %", e + 1, percent(damage), 2.0 * percent(std))
+        })
+        .collect();
+    let mut text = format!(
+        "ALERT, bridge {}, passage {}: {} of its bending stiffness, beyond doubt.",
+        alert.bridge,
+        alert.passage,
+        certain.join("; ")
+    );
+    if !possible.is_empty() {
+        let _ = write!(text, " Possible, not certain: {}.", possible.join("; "));
+    }
+    let _ = write!(
+        text,
+        " The ranges hold two standard deviations. Without damage the misfit would be {:.0} times larger; {} forward solves.",
+        alert.objective_healthy / alert.objective.max(f32::MIN_POSITIVE),
+        alert.forward_solves
+    );
+    text
+}
+
+/// How a logger is.
+pub fn status(status: &Status) -> String {
+    let mut text = format!(
+        "Logger: {} samples ({}), {} passages, {} alerts; {} frames taken, {} refused, {} bytes lost.",
+        status.samples,
+        faults(&status.quality),
+        status.passages,
+        status.alerts,
+        status.frames,
+        status.rejected,
+        status.health.overruns
+    );
+    if status.health.stack_peak_bytes > 0 {
+        let _ = write!(text, " Stack {} bytes at most.", status.health.stack_peak_bytes);
+    }
+    let restart = match status.health.restart {
+        Restart::PowerOn => "",
+        Restart::Panic => " It has restarted after a panic.",
+        Restart::Fault => " It has restarted after a processor fault.",
+        Restart::Watchdog => " It has restarted because it hung.",
+    };
+    text.push_str(restart);
+    text
+}
+
+/// What crossed the line.
+pub fn frames(station: &super::Station) -> String {
+    format!("{} frames came from the logger, {} refused", station.frames(), station.rejected())
+}

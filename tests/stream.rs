@@ -1,0 +1,188 @@
+//! Promises of the stream: the size of the blocks does not matter, memory is constant, bad samples are counted, flagged and
+//! survived, and one passage does not spoil the next.
+
+use spanwatch::logger::Logger;
+use spanwatch::wire::message::{
+    Channel, Configuration, Event, PassageReport, Quality, Reason, TrainKind, Traffic, Trigger, Verdict,
+};
+
+const RATE_HZ: usize = 200;
+const FULL_SCALE: i32 = 1 << 23;
+const LSB_MPS2: f32 = 1e-5;
+
+fn configuration(channels: usize) -> Configuration {
+    let channel = Channel {
+        node: 6,
+        lsb_mps2: LSB_MPS2,
+        full_scale_counts: FULL_SCALE,
+    };
+    Configuration {
+        sample_rate_hz: RATE_HZ as f32,
+        channels: (0..channels).map(|_| channel).collect(),
+        trigger: Trigger::default(),
+        antialias_hz: Some(40.0),
+        traffic: None,
+        seed: 1,
+    }
+}
+
+/// Pseudo-random noise of a few counts, so that quiet channels are alive.
+fn noise(sample: usize) -> i32 {
+    let mixed = (sample as u32).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(2_246_822_519);
+    (mixed >> 27) as i32 - 16
+}
+
+/// A vibration of `amplitude` counts between two seconds, decaying afterwards, on a constant offset.
+fn passage(samples: usize, from_s: usize, to_s: usize, amplitude: f64) -> Vec<i32> {
+    (0..samples)
+        .map(|k| {
+            let t = k as f64 / RATE_HZ as f64;
+            let decay = if t > to_s as f64 { (-(t - to_s as f64) * 4.0).exp() } else { 1.0 };
+            let on = if t >= from_s as f64 { decay } else { 0.0 };
+            (amplitude * on * (22.0 * t).sin()) as i32 + noise(k) + 5_000
+        })
+        .collect()
+}
+
+fn reports(logger: &mut Logger) -> Vec<PassageReport> {
+    std::iter::from_fn(|| logger.next_event())
+        .map(|event| match event {
+            Event::Passage(report) => report,
+            Event::Alert(alert) => panic!("an alert without a model: {alert:?}"),
+        })
+        .collect()
+}
+
+fn run(configuration: &Configuration, counts: &[i32], rows_per_block: usize) -> (Vec<PassageReport>, Quality) {
+    let mut logger = Box::new(Logger::new());
+    logger.configure(configuration.clone()).expect("sound");
+    let channels = configuration.channels.len();
+    let mut all = Vec::new();
+    for (block, counts) in counts.chunks(rows_per_block * channels).enumerate() {
+        logger.push((block * rows_per_block) as u64, counts).expect("whole rows");
+        all.extend(reports(&mut logger));
+    }
+    logger.finish();
+    all.extend(reports(&mut logger));
+    (all, logger.quality())
+}
+
+#[test]
+fn a_passage_is_found_with_its_time_before_and_free_vibration_after() {
+    let (found, quality) = run(&configuration(1), &passage(20 * RATE_HZ, 5, 8, 4_000.0), 32);
+    assert_eq!(quality, Quality::default());
+    let [report] = found.as_slice() else { panic!("{found:?}") };
+    let seconds = |sample: u64| sample as f64 / RATE_HZ as f64;
+    let lead_s = f64::from(Trigger::default().lead_s);
+    assert!((seconds(report.start_sample) - (5.0 - lead_s)).abs() < 0.1, "{report:?}");
+    assert!((8.0..9.5).contains(&seconds(report.end_sample)), "{report:?}");
+    assert!((report.peak_mps2[0] - 0.04).abs() < 0.001, "the offset is removed: {report:?}");
+    assert_eq!(report.verdict, Verdict::NotIdentified(Reason::NoModel));
+}
+
+#[test]
+fn any_block_size_gives_the_same_result() {
+    let mut counts = passage(40 * RATE_HZ, 5, 8, 4_000.0);
+    for (sample, later) in passage(40 * RATE_HZ, 20, 25, 9_000.0).into_iter().enumerate() {
+        counts[sample] += later - 5_000;
+    }
+    // A channel of its own beside it.
+    let counts: Vec<i32> = counts.iter().flat_map(|&count| [count, count / 3 - 1_000]).collect();
+    let expected = run(&configuration(2), &counts, 1);
+    assert_eq!(expected.0.len(), 2);
+    for rows in [2, 3, 7, 48, 100, 1000, 8000] {
+        assert_eq!(run(&configuration(2), &counts, rows), expected, "blocks of {rows}");
+    }
+}
+
+#[test]
+fn a_click_is_no_passage_and_a_louder_background_is_learnt() {
+    let mut counts: Vec<i32> = (0..60 * RATE_HZ).map(noise).collect();
+    counts[3_000] = 200_000;
+    assert_eq!(run(&configuration(1), &counts, 48).0.len(), 0);
+
+    // Something drones on and never stops: one long event, then it is the background.
+    let counts: Vec<i32> = (0..800 * RATE_HZ)
+        .map(|k| noise(k) + if k > 100 * RATE_HZ { noise(7 * k) * 30 } else { 0 })
+        .collect();
+    let (found, _) = run(&configuration(1), &counts, 48);
+    assert_eq!(found.len(), 1, "{found:?}");
+}
+
+#[test]
+fn gaps_saturated_and_stuck_samples_are_counted_and_flagged() {
+    let counts = passage(20 * RATE_HZ, 5, 8, 4_000.0);
+    let mut logger = Box::new(Logger::new());
+    logger.configure(configuration(1)).expect("sound");
+    let mut bad = counts.clone();
+    bad[1_200..1_210].fill(FULL_SCALE);
+    bad[1_300..1_350].fill(777);
+    // 30 samples are missing within the passage, and 10,000 after it.
+    logger.push(0, &bad[..1_400]).expect("whole");
+    logger.push(1_430, &bad[1_430..]).expect("whole");
+    logger.push(14_000, &counts).expect("whole");
+    logger.finish();
+    let found = reports(&mut logger);
+    assert_eq!(found.len(), 2, "{found:?}");
+    let stuck = 50 - 1 - 19;
+    assert_eq!(
+        found[0].quality,
+        Quality {
+            missing: 30,
+            saturated: 10,
+            stuck
+        }
+    );
+    assert_eq!(found[1].quality, Quality::default());
+    assert_eq!(logger.quality().missing, 30 + 10_000);
+}
+
+#[test]
+fn a_block_that_comes_twice_counts_once() {
+    let counts = passage(20 * RATE_HZ, 5, 8, 4_000.0);
+    let mut logger = Box::new(Logger::new());
+    logger.configure(configuration(1)).expect("sound");
+    for (block, part) in counts.chunks(100).enumerate() {
+        for _ in 0..2 {
+            logger.push(block as u64 * 100, part).expect("whole");
+        }
+    }
+    logger.finish();
+    assert_eq!(logger.samples(), counts.len() as u64);
+    assert_eq!(reports(&mut logger), run(&configuration(1), &counts, 100).0);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let mut logger = Box::new(Logger::new());
+    assert!(logger.push(0, &[1, 2, 3]).is_err(), "no configuration yet");
+    let refused = |change: fn(&mut Configuration)| {
+        let mut configuration = configuration(2);
+        configuration.traffic = Some(Traffic {
+            train: TrainKind::Inspection2Dof,
+            cars: 1,
+            speed_mps: 20.0,
+            entry_time_s: 1.0,
+            load_factor: 1.0,
+        });
+        assert!(configuration.check().is_ok());
+        change(&mut configuration);
+        configuration.check().is_err()
+    };
+    assert!(refused(|c| c.sample_rate_hz = f32::NAN));
+    assert!(refused(|c| c.sample_rate_hz = 0.0));
+    assert!(refused(|c| c.channels.clear()));
+    assert!(refused(|c| c.channels[0].lsb_mps2 = -1.0));
+    assert!(refused(|c| c.channels[1].full_scale_counts = 0));
+    assert!(refused(|c| c.trigger.window_s = 0.0));
+    assert!(refused(|c| c.trigger.off_ratio = 5.0));
+    assert!(refused(|c| c.trigger.lead_s = f32::INFINITY));
+    assert!(refused(|c| c.antialias_hz = Some(0.0)));
+    assert!(refused(|c| c.traffic.as_mut().expect("there").cars = 17));
+    assert!(refused(|c| c.traffic.as_mut().expect("there").speed_mps = f32::NAN));
+    assert!(refused(|c| c.traffic.as_mut().expect("there").entry_time_s = f64::INFINITY));
+    assert!(refused(|c| c.traffic.as_mut().expect("there").load_factor = 0.0));
+
+    logger.configure(configuration(2)).expect("sound");
+    assert!(logger.push(0, &[1, 2, 3]).is_err(), "one and a half rows");
+}
