@@ -25,7 +25,7 @@ struct CommandLine {
     #[command(subcommand)]
     command: Command,
     /// Show how far long work is
-    #[arg(long, global = true, value_enum, default_value_t = Progress::Auto, value_name = "WHEN")]
+    #[arg(long, global = true, value_enum, default_value_t = Progress::Auto, value_name = "WHEN", display_order = 1000)]
     progress: Progress,
 }
 
