@@ -1,4 +1,10 @@
 //! A passage made by the computer: the interaction solved in `f64`, raw or through a recorder's chain, with noise.
+//!
+//! ```text
+//! damage -> modes of the damaged bridge -> interaction, a step at a time -> low-pass -> every n-th step -> noise
+//! ```
+//!
+//! The samples are those of the half-open time from 0 to the end of the tail; the first axle enters after the lead.
 
 use anyhow::{Context, Result, anyhow, bail};
 use rand_core::{Rng, SeedableRng};
@@ -9,6 +15,15 @@ use spanwatch::interaction::{Interaction, Kinematics, Run};
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
 use spanwatch::train::Train;
 use spanwatch::wire::message::TrainKind;
+
+use crate::recording::description::MAX_SPEED_KMH;
+
+/// Most solver steps of one passage: a minute's work. A passage that needs more has a slip in its speed or step.
+pub const MAX_STEPS: f64 = 2e7;
+/// The report of progress comes every so many samples.
+const REPORT_SAMPLES: usize = 1024;
+/// A duration that is a whole number of intervals but for this part of one ends there.
+const WHOLE: f64 = 1e-6;
 
 /// What is recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,7 +49,8 @@ pub struct Scenario {
     pub nodes: Vec<u16>,
     /// What is observed there.
     pub quantity: Quantity,
-    /// Modes of the damaged bridge, at most [`BASIS`].
+    /// Modes of the damaged bridge, at most as many as the reduced basis has vectors. Where the basis spans all freedoms
+    /// of the finite elements, as that of girder50 does (20), each is exact.
     pub modes: usize,
     /// Step of the solver, s.
     pub step_s: f64,
@@ -99,7 +115,7 @@ impl Scenario {
         let whole = steps.round();
         if (steps - whole).abs() > 1e-6 * whole || whole < 1.0 {
             bail!(
-                "--step-s {} does not divide the time between samples, {} s; take a step that does",
+                "--step-s {} does not divide the time between samples, {:.6} s; take a step that does",
                 self.step_s,
                 self.sample_interval_s()
             );
@@ -107,7 +123,8 @@ impl Scenario {
         Ok(whole as u32)
     }
 
-    fn check(&self) -> Result<()> {
+    /// Everything that can be said without the bridge's length.
+    fn check(&self, bridge: &ReducedBridge<f64>) -> Result<()> {
         let positive = [
             ("--speed-kmh", self.speed_kmh),
             ("--step-s", self.step_s),
@@ -132,6 +149,20 @@ impl Scenario {
         {
             bail!("{name} must be zero or positive, not {value}");
         }
+        if self.speed_kmh > MAX_SPEED_KMH {
+            bail!(
+                "--speed-kmh must be at most {MAX_SPEED_KMH} km/h, not {}",
+                self.speed_kmh
+            );
+        }
+        if let Some(e) = self.damage.iter().skip(bridge.elements).position(|&loss| loss != 0.0) {
+            bail!(
+                "--damage names element {}, but bridge \"{}\" has elements 1 to {}",
+                bridge.elements + e + 1,
+                bridge.name,
+                bridge.elements
+            );
+        }
         if let Some(e) = self.damage.iter().position(|loss| !(0.0..=MAX_DAMAGE).contains(loss)) {
             bail!(
                 "--damage of element {} must be 0 to {MAX_DAMAGE}, not {}",
@@ -142,13 +173,21 @@ impl Scenario {
         if self.nodes.is_empty() || self.nodes.len() > CHANNELS {
             bail!("--nodes must name 1 to {CHANNELS} nodes, not {}", self.nodes.len());
         }
-        if !(1..=BASIS).contains(&self.modes) {
-            bail!("--modes must be 1 to {BASIS}, not {}", self.modes);
+        if let Some((_, node)) = (self.nodes.iter().enumerate()).find(|&(i, node)| self.nodes[..i].contains(node)) {
+            bail!("--nodes names node {node} twice");
+        }
+        if !(1..=bridge.basis).contains(&self.modes) {
+            bail!(
+                "--modes must be 1 to {} for bridge \"{}\", not {}",
+                bridge.basis,
+                bridge.name,
+                self.modes
+            );
         }
         if let Some(cutoff) = self.antialias_hz
             && cutoff * self.step_s >= 0.5
         {
-            bail!("--antialias-hz {cutoff} needs steps shorter than {} s", 0.5 / cutoff);
+            bail!("--antialias-hz {cutoff} needs steps shorter than {:.6} s", 0.5 / cutoff);
         }
         Ok(())
     }
@@ -164,8 +203,23 @@ pub struct Passage {
 }
 
 /// Solves a scenario.
+///
+/// # Errors
+/// One sentence that names the flag of `host-sim simulate` whose value cannot be.
 pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Passage> {
-    scenario.check()?;
+    simulate_reporting(bridge, scenario, &mut |_, _| ())
+}
+
+/// Solves a scenario and says from time to time how many of how many samples are done.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_reporting(
+    bridge: &ReducedBridge<f64>,
+    scenario: &Scenario,
+    report: &mut dyn FnMut(usize, usize),
+) -> Result<Passage> {
+    scenario.check(bridge)?;
     let places = scenario
         .nodes
         .iter()
@@ -199,9 +253,22 @@ pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Pass
     let mut states = [AntiAliasState::default(); CHANNELS];
 
     let duration_s = scenario.lead_s + (train.length_m() + bridge.path.length_m()) / speed_mps + scenario.tail_s;
-    let samples = (duration_s / scenario.sample_interval_s() + 1e-9).floor() as usize + 1;
+    let intervals = duration_s / scenario.sample_interval_s();
+    let steps = intervals * f64::from(steps_per_sample);
+    if steps.is_nan() || steps > MAX_STEPS {
+        bail!(
+            "this passage lasts {duration_s:.0} s, which is {:.1e} steps of {} s, more than the {MAX_STEPS:.0e} that are \
+             solved here; check --speed-kmh, --lead-s, --tail-s and --step-s",
+            steps,
+            scenario.step_s
+        );
+    }
+    let samples = (intervals - WHOLE).ceil().max(1.0) as usize;
     let mut channels = vec![Vec::with_capacity(samples); places.len()];
     for sample in 0..samples {
+        if sample % REPORT_SAMPLES == 0 {
+            report(sample, samples);
+        }
         let mut values = [0.0; CHANNELS];
         for _ in 0..if sample == 0 { 0 } else { steps_per_sample } {
             interaction.step();

@@ -4,6 +4,8 @@ use anyhow::{Result, bail};
 use serde::Deserialize;
 use spanwatch::capacity::ELEMENTS;
 
+use crate::toml_text;
+
 /// A girder of equal beam elements.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -28,7 +30,7 @@ pub struct BridgeFile {
 
 /// Reads and checks the text of a bridge file.
 pub fn parse(text: &str) -> Result<BridgeFile> {
-    let bridge: BridgeFile = toml::from_str(text)?;
+    let bridge: BridgeFile = toml_text::parse(text)?;
     let BridgeFile {
         length_m,
         mass_per_length_kgpm,

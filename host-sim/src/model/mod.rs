@@ -1,13 +1,17 @@
 //! From a bridge file to the reduced model that the logger holds.
 //!
-//! [`file`] reads what an engineer wrote, [`beam`] makes finite elements of it, [`reduce`] a [`ReducedBridge`].
+//! [`file`] reads what an engineer wrote, [`beam`] makes finite elements of it, [`reduce`] a [`ReducedBridge`];
+//! [`shapes`] takes the mode shapes back out of it, for the eye.
 //!
 //! [`ReducedBridge`]: spanwatch::bridge::ReducedBridge
 
 pub mod beam;
 pub mod file;
 pub mod reduce;
+pub mod shapes;
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail};
@@ -15,6 +19,9 @@ use spanwatch::bridge::{ReducedBridge, blob};
 use spanwatch::capacity::MODEL_BLOB_BYTES;
 
 pub use file::BridgeFile;
+
+/// No bridge model's file is nearly as large, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// The bridges that come with the program, by name.
 const SHIPPED: &[(&str, &str)] = &[("girder50", include_str!("../../bridges/girder50.toml"))];
@@ -31,6 +38,17 @@ pub fn shipped(name: &str) -> Result<BridgeFile> {
     file::parse(text).with_context(|| format!("bridge \"{name}\""))
 }
 
+/// The bridge of a name or of a file: what ends in `.toml` is a file, all else a name.
+pub fn find(name_or_file: &str) -> Result<BridgeFile> {
+    if Path::new(name_or_file)
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
+    {
+        return from_file(Path::new(name_or_file));
+    }
+    shipped(name_or_file).map_err(|error| anyhow!("{error}; a bridge of your own is a file NAME.toml"))
+}
+
 /// The bridge in a file.
 pub fn from_file(path: &Path) -> Result<BridgeFile> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -45,6 +63,27 @@ pub fn to_blob(bridge: &ReducedBridge<f64>) -> Result<Vec<u8>> {
 
 /// The model in a file that `model build` has written.
 pub fn read_blob(path: &Path) -> Result<ReducedBridge<f32>> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    blob::read(&bytes).map_err(|error| anyhow!("{}: {error}", path.display()))
+    from_blob(&read_bytes(path)?).with_context(|| path.display().to_string())
+}
+
+/// The model in the bytes of such a file.
+pub fn from_blob(bytes: &[u8]) -> Result<ReducedBridge<f32>> {
+    Ok(blob::read(bytes)?)
+}
+
+/// The bytes of a file that may be a model.
+///
+/// # Errors
+/// If the file cannot be read or is far larger than any model.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    let cannot = || format!("cannot read {}", path.display());
+    let file = File::open(path).with_context(cannot)?;
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .with_context(cannot)?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        bail!("{}: this is not a bridge model; it is larger than any", path.display());
+    }
+    Ok(bytes)
 }

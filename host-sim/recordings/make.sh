@@ -1,0 +1,18 @@
+#!/bin/sh
+# Makes the simulated recordings of this folder again: the paper's girder under one inspection car at 60 km/h, through
+# a recorder of 200 samples a second with a 40 Hz low-pass.
+set -eu
+cd "$(dirname "$0")"
+cargo build --quiet --release --package host-sim
+simulate() {
+    name=$1
+    shift
+    cargo run --quiet --release --package host-sim -- simulate --bridge girder50 --train inspection-2dof --cars 1 \
+        --speed-kmh 60 --rate-hz 200 --antialias-hz 40 "$@" -o "$name.csv"
+}
+
+simulate healthy-60kmh
+simulate case1-60kmh --damage 5=0.11
+simulate case4-60kmh --damage 1=0.21 --damage 5=0.41
+simulate case4-60kmh-noise5 --damage 1=0.21 --damage 5=0.41 --noise 0.05
+simulate case4-60kmh-noise5-3nodes --damage 1=0.21 --damage 5=0.41 --noise 0.05 --nodes 3,6,9

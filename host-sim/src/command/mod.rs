@@ -1,0 +1,81 @@
+//! The command line: one module a command.
+//!
+//! A new command is a variant of [`Command`], a line in [`dispatch`] and a module here with its `Arguments` and `run`.
+//! `run` returns an error that reads as one sentence once its causes are joined by colons; it ends the program with exit
+//! code [`BAD_INPUT`], as wrong flags do.
+
+mod model;
+mod simulate;
+
+use std::io::{ErrorKind, Write};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand, ValueEnum};
+use host_sim::terminal;
+
+/// Exit code of everything that went wrong; clap uses the same for wrong flags.
+const BAD_INPUT: u8 = 2;
+
+/// Tells damage of railway viaducts from the vibration under passing trains: bridge models, simulated and recorded
+/// passages, the logger on this computer or on a line, the base station.
+#[derive(Debug, Parser)]
+#[command(name = "host-sim", version, arg_required_else_help = true)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Command,
+    /// Show how far long work is
+    #[arg(long, global = true, value_enum, default_value_t = Progress::Auto, value_name = "WHEN", display_order = 1000)]
+    progress: Progress,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Progress {
+    /// On a terminal
+    Auto,
+    /// Never
+    Never,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Simulate a passage and write it as a recording
+    Simulate(simulate::Arguments),
+    /// Build the logger's bridge model, or look into one
+    #[command(subcommand)]
+    Model(model::Command),
+}
+
+fn dispatch(command: Command) -> Result<()> {
+    match command {
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Model(command) => model::run(&command),
+    }
+}
+
+/// Reads the command line and does what it says.
+pub fn run() -> ExitCode {
+    let line = CommandLine::parse();
+    terminal::show_progress(line.progress == Progress::Auto);
+    match dispatch(line.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let label = if terminal::colours_on_stderr() {
+                "\x1b[1;31merror:\x1b[0m"
+            } else {
+                "error:"
+            };
+            eprintln!("{label} {error:#}");
+            ExitCode::from(BAD_INPUT)
+        }
+    }
+}
+
+/// Prints a result. A reader that has seen enough (`| head`) is no error.
+fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).context("cannot print the result"),
+        _ => Ok(()),
+    }
+}

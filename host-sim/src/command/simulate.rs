@@ -1,0 +1,259 @@
+//! `host-sim simulate`: a passage made by the computer, written as a recording.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail};
+use clap::{Args, ValueEnum};
+use host_sim::recording::{Channel, Recording, Run, Unit, description_path};
+use host_sim::simulate::{Quantity, Scenario, simulate_reporting};
+use host_sim::{model, output, terminal, train_name};
+use spanwatch::capacity::{CARS, ELEMENTS};
+use spanwatch::interaction::Kinematics;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// A bridge that comes with the program, or a bridge file NAME.toml
+    #[arg(long)]
+    bridge: String,
+    /// What rolls: inspection-2dof
+    #[arg(long)]
+    train: String,
+    /// Number of cars, 1 to 16
+    #[arg(long, allow_negative_numbers = true)]
+    cars: i64,
+    /// Speed
+    #[arg(long, allow_negative_numbers = true)]
+    speed_kmh: f64,
+    /// An element, from 1, and the fraction of bending stiffness it has lost, 0 to 0.7; may be given several times
+    #[arg(long, value_name = "ELEMENT=FRACTION", value_parser = damage)]
+    damage: Vec<(usize, f64)>,
+    /// Irregularity of the track (in a later version)
+    #[arg(long, value_name = "FILE.csv")]
+    track: Option<PathBuf>,
+    /// Bridge nodes that are observed, 1 to 3 of them
+    #[arg(long, value_delimiter = ',', default_value = "6")]
+    nodes: Vec<u16>,
+    /// What is observed: acceleration in m/s2 or displacement in mm, both positive up
+    #[arg(long, value_enum, default_value_t = Observed::Acceleration)]
+    quantity: Observed,
+    /// Modes of the bridge
+    #[arg(long, default_value_t = 8)]
+    modes: usize,
+    /// Step of the solver
+    #[arg(long, default_value_t = 0.001, allow_negative_numbers = true)]
+    step_s: f64,
+    /// Samples a second [default: one every step]
+    #[arg(long, allow_negative_numbers = true)]
+    rate_hz: Option<f64>,
+    /// Cut-off of a low-pass (4th-order Butterworth, causal) before sampling [default: none]
+    #[arg(long, allow_negative_numbers = true)]
+    antialias_hz: Option<f64>,
+    /// White noise, its standard deviation as a part of each channel's RMS
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    noise: f64,
+    /// Seed of the noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Scales the static wheel loads
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
+    load_factor: f64,
+    /// Time before the first axle enters
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
+    lead_s: f64,
+    /// Time after the last axle has left
+    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
+    tail_s: f64,
+    /// Where to write; a TOML of the same stem is written beside it
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Observed {
+    Acceleration,
+    Displacement,
+}
+
+/// `ELEMENT=FRACTION`.
+fn damage(text: &str) -> Result<(usize, f64)> {
+    let (element, loss) = text
+        .split_once('=')
+        .context("it must be ELEMENT=FRACTION, as in 5=0.3")?;
+    let element: usize = element
+        .trim()
+        .parse()
+        .map_err(|_| anyhow!("the element must be a whole number from 1, not \"{element}\""))?;
+    let loss: f64 = loss
+        .trim()
+        .parse()
+        .map_err(|_| anyhow!("the fraction must be a number such as 0.3, not \"{loss}\""))?;
+    Ok((element, loss))
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.track.is_some() {
+        bail!("--track comes with a later version; this one simulates a smooth track");
+    }
+    let file = model::find(&arguments.bridge)?;
+    let csv_path = arguments.output.as_path();
+    let toml_path = description_path(csv_path)?;
+    if same_file(&toml_path, Path::new(&arguments.bridge)) {
+        bail!(
+            "-o {} would overwrite the bridge file {}; choose another name",
+            csv_path.display(),
+            arguments.bridge
+        );
+    }
+    let scenario = scenario(arguments, file.elements)?;
+    output::check(csv_path)?;
+    output::check(&toml_path)?;
+
+    let bridge = model::reduce::reduce(&file)?;
+    let bar = terminal::progress(0, "solving the passage");
+    let passage = simulate_reporting(&bridge, &scenario, &mut |done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+
+    let rows = passage.channels[0].len();
+    let (prefix, suffix, unit) = match scenario.quantity {
+        Quantity::Acceleration => ("acc", "mps2", Unit::MetrePerSecondSquared),
+        Quantity::Displacement => ("disp", "mm", Unit::Millimetre),
+    };
+    let channels = (scenario.nodes.iter().zip(passage.channels))
+        .map(|(&node, values)| Channel::new(format!("{prefix}_node{node}_{suffix}"), Some(node), unit, values));
+    let recording = Recording {
+        start_s: 0.0,
+        interval_s: passage.interval_s,
+        runs: vec![Run {
+            first_sample: 0,
+            first_row: 0,
+            rows,
+        }],
+        channels: channels.collect(),
+        bridge: Some(file.name.clone()),
+        train: Some(scenario.train),
+        cars: Some(scenario.cars),
+        speed_kmh: Some(scenario.speed_kmh),
+        entry_time_s: Some(scenario.lead_s),
+        load_factor: Some(scenario.load_factor),
+        antialias_hz: scenario.antialias_hz,
+        track: None,
+    };
+    let remarks = [
+        format!("Made by: {}", command_line(arguments, &file.name, &scenario)),
+        format!("True damage: {}.", damage_in_words(&scenario.damage)),
+    ];
+    recording.write(csv_path, &remarks)?;
+    super::print(&format!(
+        "wrote {} and {}: {rows} samples of {} channel{} at {} Hz, {:.2} s\n",
+        csv_path.display(),
+        toml_path.display(),
+        recording.channels.len(),
+        if recording.channels.len() == 1 { "" } else { "s" },
+        rounded(recording.rate_hz()),
+        rows as f64 * recording.interval_s
+    ))
+}
+
+fn scenario(arguments: &Arguments, elements: usize) -> Result<Scenario> {
+    let mut loss = [0.0; ELEMENTS];
+    for (i, &(element, fraction)) in arguments.damage.iter().enumerate() {
+        if !(1..=elements).contains(&element) {
+            bail!("--damage names element {element}, but the bridge has elements 1 to {elements}");
+        }
+        if arguments.damage[..i].iter().any(|&(other, _)| other == element) {
+            bail!("--damage names element {element} twice");
+        }
+        loss[element - 1] = fraction;
+    }
+    let cars =
+        usize::try_from(arguments.cars).map_err(|_| anyhow!("--cars must be 1 to {CARS}, not {}", arguments.cars))?;
+    Ok(Scenario {
+        train: train_name::parse(&arguments.train)?,
+        cars,
+        speed_kmh: arguments.speed_kmh,
+        damage: loss,
+        nodes: arguments.nodes.clone(),
+        quantity: match arguments.quantity {
+            Observed::Acceleration => Quantity::Acceleration,
+            Observed::Displacement => Quantity::Displacement,
+        },
+        modes: arguments.modes,
+        step_s: arguments.step_s,
+        rate_hz: arguments.rate_hz,
+        antialias_hz: arguments.antialias_hz,
+        noise: arguments.noise,
+        seed: arguments.seed,
+        load_factor: arguments.load_factor,
+        lead_s: arguments.lead_s,
+        tail_s: arguments.tail_s,
+        kinematics: Kinematics::Paper,
+    })
+}
+
+/// The command that makes the same recording again, without paths.
+fn command_line(arguments: &Arguments, bridge: &str, scenario: &Scenario) -> String {
+    let nodes: Vec<String> = scenario.nodes.iter().map(u16::to_string).collect();
+    let mut line = format!(
+        "host-sim simulate --bridge {bridge} --train {} --cars {} --speed-kmh {}",
+        train_name::name(scenario.train),
+        scenario.cars,
+        scenario.speed_kmh
+    );
+    for (element, loss) in &arguments.damage {
+        let _ = write!(line, " --damage {element}={loss}");
+    }
+    let quantity = match scenario.quantity {
+        Quantity::Acceleration => "acceleration",
+        Quantity::Displacement => "displacement",
+    };
+    let _ = write!(
+        line,
+        " --nodes {} --quantity {quantity} --modes {} --step-s {}",
+        nodes.join(","),
+        scenario.modes,
+        scenario.step_s
+    );
+    for (flag, value) in [
+        ("--rate-hz", scenario.rate_hz),
+        ("--antialias-hz", scenario.antialias_hz),
+        ("--noise", (scenario.noise > 0.0).then_some(scenario.noise)),
+    ] {
+        if let Some(value) = value {
+            let _ = write!(line, " {flag} {value}");
+        }
+    }
+    if scenario.noise > 0.0 {
+        let _ = write!(line, " --seed {}", scenario.seed);
+    }
+    let _ = write!(
+        line,
+        " --load-factor {} --lead-s {} --tail-s {}",
+        scenario.load_factor, scenario.lead_s, scenario.tail_s
+    );
+    line
+}
+
+fn damage_in_words(damage: &[f64]) -> String {
+    let damaged: Vec<String> = (damage.iter().enumerate())
+        .filter(|(_, loss)| **loss > 0.0)
+        .map(|(e, loss)| format!("element {} {} %", e + 1, rounded(100.0 * loss)))
+        .collect();
+    if damaged.is_empty() {
+        "none".to_owned()
+    } else {
+        damaged.join(", ")
+    }
+}
+
+/// A number for the eye, without the dust of binary fractions.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
