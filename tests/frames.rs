@@ -6,8 +6,9 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
-    Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Configuration, Effort, Event, Health, ModelChunk,
-    Outcome, PassageReport, Quality, Request, Restart, SampleBlock, Status, TrainKind, Traffic, Trigger, Verdict,
+    Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Configuration, Effort, Event, Health,
+    ModelChunk, Outcome, PassageReport, Quality, Request, Restart, SampleBlock, Status, Traffic, TrainKind, Trigger,
+    Verdict,
 };
 use spanwatch::wire::{CRC32C, Decoder, FrameBuffer, Kind};
 
@@ -110,7 +111,10 @@ fn events() -> Vec<Event> {
 
 fn bytes_of(kind: Kind, sequence: u32, message: &impl serde::Serialize) -> Vec<u8> {
     let mut buffer = FrameBuffer::new();
-    buffer.write(kind, sequence, message).expect("every message fits").to_vec()
+    buffer
+        .write(kind, sequence, message)
+        .expect("every message fits")
+        .to_vec()
 }
 
 /// Events that a decoder reads from `bytes`, with their sequence numbers.
@@ -132,7 +136,10 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
     let mut decoder = Decoder::new();
     let mut read = |bytes: &[u8], kind: Kind, check: &dyn Fn(&spanwatch::wire::Frame<'_>) -> bool| {
         assert!(bytes.len() <= FRAME_BYTES);
-        assert!(bytes[1..bytes.len() - 1].iter().all(|&byte| byte != 0), "zeros only at the ends");
+        assert!(
+            bytes[1..bytes.len() - 1].iter().all(|&byte| byte != 0),
+            "zeros only at the ends"
+        );
         let frames: usize = bytes
             .iter()
             .filter(|&&byte| {
@@ -145,7 +152,9 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
     };
     for request in requests() {
         let bytes = bytes_of(Kind::Request, 77, &request);
-        read(&bytes, Kind::Request, &|frame| frame.message::<Request>() == Some(request.clone()));
+        read(&bytes, Kind::Request, &|frame| {
+            frame.message::<Request>() == Some(request.clone())
+        });
     }
     for answer in answers() {
         let bytes = bytes_of(Kind::Answer, 77, &answer);
@@ -153,7 +162,9 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
     }
     for event in events() {
         let bytes = bytes_of(Kind::Event, 77, &event);
-        read(&bytes, Kind::Event, &|frame| frame.message::<Event>() == Some(event.clone()));
+        read(&bytes, Kind::Event, &|frame| {
+            frame.message::<Event>() == Some(event.clone())
+        });
     }
     assert_eq!(decoder.rejections().total(), 0);
 }

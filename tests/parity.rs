@@ -25,7 +25,10 @@ impl<C: Channel> Channel for Tap<C> {
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let count = self.channel.receive(buffer, timeout)?;
-        self.heard.lock().expect("one thread").extend_from_slice(&buffer[..count]);
+        self.heard
+            .lock()
+            .expect("one thread")
+            .extend_from_slice(&buffer[..count]);
         Ok(count)
     }
 }
@@ -41,14 +44,18 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
     let mut status = Status::default();
     for recording in recordings {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings").join(recording);
-        let prepared = replay::prepare(&path, replay::DEFAULT_SEED).expect("a recording");
+        let prepared = replay::prepare(&path, None, replay::DEFAULT_SEED).expect("a recording");
         status = prepared
             .replay(&mut station, |told| {
                 alerts += usize::from(matches!(told, Told::Alert { .. }));
                 Ok(())
             })
             .expect("replays");
-        assert_eq!((status.rejected, status.health.overruns), (0, 0), "nothing is lost at full speed");
+        assert_eq!(
+            (status.rejected, status.health.overruns),
+            (0, 0),
+            "nothing is lost at full speed"
+        );
     }
     assert_eq!(station.rejected(), 0);
     let bytes = heard.lock().expect("one thread").clone();
@@ -56,9 +63,10 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
     let mut frames = Vec::new();
     let mut begin = 0;
     for (end, &byte) in bytes.iter().enumerate() {
-        if decoder.push(byte).is_some_and(|frame| {
-            frame.kind == Kind::Event && frame.message::<Event>().is_some()
-        }) {
+        if decoder
+            .push(byte)
+            .is_some_and(|frame| frame.kind == Kind::Event && frame.message::<Event>().is_some())
+        {
             frames.push(bytes[begin..=end].to_vec());
         }
         if byte == 0 {
@@ -72,8 +80,10 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
 fn the_image_in_qemu_sends_the_same_bytes_as_the_logger_in_this_process() {
     let image = std::env::var_os("SPANWATCH_IMAGE").map_or_else(
         || {
-            let target = std::env::var_os("CARGO_TARGET_DIR")
-                .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"), PathBuf::from);
+            let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(
+                || Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"),
+                PathBuf::from,
+            );
             target.join("thumbv7em-none-eabihf/firmware/logger")
         },
         PathBuf::from,

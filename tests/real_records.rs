@@ -15,13 +15,17 @@ const START_TOLERANCE_S: f64 = 3.0;
 const END_TOLERANCE_S: f64 = 5.0;
 
 fn passages(name: &str) -> Vec<(f64, f64)> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/real").join(name);
-    let prepared = replay::prepare(&path, 1).expect("a recording");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../tests/data/real")
+        .join(name);
+    let prepared = replay::prepare(&path, None, 1).expect("a recording");
     let mut station = Station::new(Box::new(InProcess::new()));
     let mut found = Vec::new();
     let status = prepared
         .replay(&mut station, |told| {
-            let Told::Passage { report, start_s, end_s } = told else { panic!("an alert without a model") };
+            let Told::Passage { report, start_s, end_s } = told else {
+                panic!("an alert without a model")
+            };
             println!("{}", words::passage(report, *start_s, *end_s));
             assert!(matches!(report.verdict, Verdict::NotIdentified(_)));
             assert_eq!(report.quality.total(), 0);
@@ -36,7 +40,9 @@ fn passages(name: &str) -> Vec<(f64, f64)> {
 #[test]
 fn the_roller_on_the_footbridge_is_one_passage() {
     let found = passages("usc_footbridge_roller.csv");
-    let [(start, end)] = found.as_slice() else { panic!("{found:?}") };
+    let [(start, end)] = found.as_slice() else {
+        panic!("{found:?}")
+    };
     assert!(*start < 3.3 && *start > 3.3 - START_TOLERANCE_S, "{start}");
     assert!((9.0..9.7 + START_TOLERANCE_S).contains(end), "{end}");
 }

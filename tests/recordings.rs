@@ -224,7 +224,7 @@ fn shipped_recordings_are_read_and_fit_the_shipped_bridge() {
             seen += 1;
         }
     }
-    assert_eq!(seen, 5);
+    assert_eq!(seen, 6);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use spanwatch::logger::Logger;
 use spanwatch::wire::message::{
-    Channel, Configuration, Event, PassageReport, Quality, Reason, TrainKind, Traffic, Trigger, Verdict,
+    Channel, Configuration, Event, PassageReport, Quality, Reason, Traffic, TrainKind, Trigger, Verdict,
 };
 
 const RATE_HZ: usize = 200;
@@ -28,7 +28,10 @@ fn configuration(channels: usize) -> Configuration {
 
 /// Pseudo-random noise of a few counts, so that quiet channels are alive.
 fn noise(sample: usize) -> i32 {
-    let mixed = (sample as u32).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(2_246_822_519);
+    let mixed = (sample as u32)
+        .wrapping_mul(2_654_435_761)
+        .rotate_left(13)
+        .wrapping_mul(2_246_822_519);
     (mixed >> 27) as i32 - 16
 }
 
@@ -37,7 +40,11 @@ fn passage(samples: usize, from_s: usize, to_s: usize, amplitude: f64) -> Vec<i3
     (0..samples)
         .map(|k| {
             let t = k as f64 / RATE_HZ as f64;
-            let decay = if t > to_s as f64 { (-(t - to_s as f64) * 4.0).exp() } else { 1.0 };
+            let decay = if t > to_s as f64 {
+                (-(t - to_s as f64) * 4.0).exp()
+            } else {
+                1.0
+            };
             let on = if t >= from_s as f64 { decay } else { 0.0 };
             (amplitude * on * (22.0 * t).sin()) as i32 + noise(k) + 5_000
         })
@@ -59,7 +66,9 @@ fn run(configuration: &Configuration, counts: &[i32], rows_per_block: usize) -> 
     let channels = configuration.channels.len();
     let mut all = Vec::new();
     for (block, counts) in counts.chunks(rows_per_block * channels).enumerate() {
-        logger.push((block * rows_per_block) as u64, counts).expect("whole rows");
+        logger
+            .push((block * rows_per_block) as u64, counts)
+            .expect("whole rows");
         all.extend(reports(&mut logger));
     }
     logger.finish();
@@ -71,12 +80,20 @@ fn run(configuration: &Configuration, counts: &[i32], rows_per_block: usize) -> 
 fn a_passage_is_found_with_its_time_before_and_free_vibration_after() {
     let (found, quality) = run(&configuration(1), &passage(20 * RATE_HZ, 5, 8, 4_000.0), 32);
     assert_eq!(quality, Quality::default());
-    let [report] = found.as_slice() else { panic!("{found:?}") };
+    let [report] = found.as_slice() else {
+        panic!("{found:?}")
+    };
     let seconds = |sample: u64| sample as f64 / RATE_HZ as f64;
     let lead_s = f64::from(Trigger::default().lead_s);
-    assert!((seconds(report.start_sample) - (5.0 - lead_s)).abs() < 0.1, "{report:?}");
+    assert!(
+        (seconds(report.start_sample) - (5.0 - lead_s)).abs() < 0.1,
+        "{report:?}"
+    );
     assert!((8.0..9.5).contains(&seconds(report.end_sample)), "{report:?}");
-    assert!((report.peak_mps2[0] - 0.04).abs() < 0.001, "the offset is removed: {report:?}");
+    assert!(
+        (report.peak_mps2[0] - 0.04).abs() < 0.001,
+        "the offset is removed: {report:?}"
+    );
     assert_eq!(report.verdict, Verdict::NotIdentified(Reason::NoModel));
 }
 
@@ -180,7 +197,9 @@ fn what_makes_no_sense_is_refused() {
     assert!(refused(|c| c.antialias_hz = Some(0.0)));
     assert!(refused(|c| c.traffic.as_mut().expect("there").cars = 17));
     assert!(refused(|c| c.traffic.as_mut().expect("there").speed_mps = f32::NAN));
-    assert!(refused(|c| c.traffic.as_mut().expect("there").entry_time_s = f64::INFINITY));
+    assert!(refused(
+        |c| c.traffic.as_mut().expect("there").entry_time_s = f64::INFINITY
+    ));
     assert!(refused(|c| c.traffic.as_mut().expect("there").load_factor = 0.0));
 
     logger.configure(configuration(2)).expect("sound");

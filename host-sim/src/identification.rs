@@ -84,7 +84,8 @@ impl Case {
                 duration_s + prepared.recording.start_s
             );
         }
-        let crossing_s = f64::from(observation.train.length_m() + bridge.path.length_m()) / f64::from(traffic.speed_mps);
+        let crossing_s =
+            f64::from(observation.train.length_m() + bridge.path.length_m()) / f64::from(traffic.speed_mps);
         if traffic.entry_time_s + crossing_s > duration_s {
             bail!(
                 "{name}: the recording is shorter than the passage: the last axle leaves the bridge at {:.2} s of file \
@@ -181,7 +182,10 @@ impl Case {
 fn samples(prepared: &Prepared) -> Vec<f32> {
     let recording = &prepared.recording;
     let channels = &recording.channels;
-    let last = recording.runs.last().map_or(0, |run| run.first_sample + run.rows as u64);
+    let last = recording
+        .runs
+        .last()
+        .map_or(0, |run| run.first_sample + run.rows as u64);
     let mut samples = vec![f32::NAN; last as usize * channels.len()];
     for run in &recording.runs {
         for row in 0..run.rows {

@@ -1,11 +1,15 @@
 //! The PC side of Spanwatch: what the binary `host-sim` is made of.
 
+pub mod channel;
 pub mod evaluate;
+pub mod identification;
 pub mod model;
 pub mod output;
 pub mod picture;
 pub mod recording;
+pub mod replay;
 pub mod simulate;
+pub mod station;
 pub mod terminal;
 pub mod toml_text;
 pub mod train_name;

@@ -47,21 +47,17 @@ pub enum Told {
     },
 }
 
-/// Reads a recording and everything it needs, and checks it, before any logger is asked.
-pub fn prepare(path: &Path, seed: u64) -> Result<Prepared> {
+/// Reads a recording and everything it needs, and checks it, before any logger is asked. `bridge`, the name of a bridge
+/// that comes with the program or a bridge file, takes the place of the one that the recording names.
+pub fn prepare(path: &Path, bridge: Option<&str>, seed: u64) -> Result<Prepared> {
     let recording = Recording::read(path)?;
-    prepare_read(path, recording, seed)
-}
-
-/// The same for a recording that has been read.
-pub fn prepare_read(path: &Path, recording: Recording, seed: u64) -> Result<Prepared> {
     let name = path.display();
     if recording.track.is_some() {
         bail!("{name}: a track irregularity comes with a later version; leave the key track out for a smooth track");
     }
-    let bridge = match &recording.bridge {
+    let bridge = match bridge.or(recording.bridge.as_deref()) {
         Some(bridge) => {
-            let file = model::shipped(bridge).with_context(|| name.to_string())?;
+            let file = model::find(bridge).with_context(|| name.to_string())?;
             Some(model::reduce::reduce(&file)?)
         }
         None => None,
@@ -118,7 +114,7 @@ impl Prepared {
     pub fn missing_keys(&self) -> Vec<&'static str> {
         let recording = &self.recording;
         [
-            ("bridge", recording.bridge.is_none()),
+            ("bridge", self.bridge.is_none()),
             ("train", recording.train.is_none()),
             ("speed_kmh", recording.speed_kmh.is_none()),
             ("entry_time_s", recording.entry_time_s.is_none()),

@@ -8,7 +8,8 @@
 //! ```
 //!
 //! Motion begins when the ratio stays above `on_ratio` for `on_duration` and ends when it stays below `off_ratio` for
-//! `off_duration`: a click is too short to begin it, a beat of the free vibration too short to end it. The quiet level
+//! `off_duration`: a click is too short to begin it (and until it has begun one sample is worth at most a quarter of what it
+//! takes), a beat of the free vibration too short to end it. The quiet level
 //! rises slowly, so that a train that comes nearer does not pass for its own background, and falls fast, so that the
 //! end of a passage does not hide the next train. It stands still from the first sample above `on_ratio`, and so does the
 //! offset, the mean that is taken from a passage's samples. A change of the surroundings that outlasts any train ends the
@@ -26,6 +27,8 @@ const QUIET_RISE_S: f32 = 60.0;
 const QUIET_FALL_S: f32 = 5.0;
 /// No motion is seen before the quiet level has been learnt, as a plain mean, for this long, s.
 const LEARN_S: f32 = 0.5;
+/// Part of the level that begins a motion which one sample can make up.
+const CLICK: f32 = 0.25;
 /// Motion that lasts longer, s, is no train: 16 cars at 20 km/h take 80 s.
 const LONGEST_S: f32 = 300.0;
 
@@ -166,10 +169,14 @@ impl Detector {
         let at_rest = !self.moving && self.above == 0;
         let mut ratio_squared = 0.0_f32;
         for (levels, &x) in self.channels.iter_mut().zip(values) {
-            if !x.is_nan() {
-                levels.push(thresholds, x, at_rest, self.learnt);
-            }
             let reference = levels.quiet_squared.max(thresholds.floor_squared);
+            let limit = match self.moving {
+                true => f32::INFINITY,
+                false => CLICK * thresholds.window * thresholds.on_squared * reference,
+            };
+            if !x.is_nan() {
+                levels.push(thresholds, x, limit, at_rest, self.learnt);
+            }
             ratio_squared = ratio_squared.max(levels.level_squared / reference);
         }
         if self.moving {
@@ -205,11 +212,11 @@ impl Detector {
 }
 
 impl Levels {
-    fn push(&mut self, thresholds: &Thresholds, x: f32, at_rest: bool, learnt: u32) {
+    fn push(&mut self, thresholds: &Thresholds, x: f32, limit: f32, at_rest: bool, learnt: u32) {
         // A plain mean until the exponential one has seen enough.
         let weight = |samples: f32| samples.min(learnt as f32).recip();
         self.drift += weight(thresholds.drift) * (x - self.drift);
-        let square = (x - self.drift) * (x - self.drift);
+        let square = ((x - self.drift) * (x - self.drift)).min(limit);
         self.level_squared += weight(thresholds.window) * (square - self.level_squared);
         if at_rest {
             self.offset += weight(thresholds.offset) * (x - self.offset);

@@ -33,7 +33,8 @@ impl Default for InProcess {
 impl Channel for InProcess {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         let said = &mut self.said;
-        self.logger.receive(bytes, &mut PcBoard(|bytes: &[u8]| said.extend(bytes)));
+        self.logger
+            .receive(bytes, &mut PcBoard(|bytes: &[u8]| said.extend(bytes)));
         Ok(())
     }
 

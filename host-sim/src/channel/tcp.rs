@@ -47,7 +47,8 @@ impl Channel for Tcp {
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         // A timeout of zero would mean none at all.
-        self.line.set_read_timeout(Some(timeout.max(Duration::from_millis(1))))?;
+        self.line
+            .set_read_timeout(Some(timeout.max(Duration::from_millis(1))))?;
         received(self.line.read(buffer))
     }
 }

@@ -4,7 +4,11 @@
 //! `run` returns an error that reads as one sentence once its causes are joined by colons; it ends the program with exit
 //! code [`BAD_INPUT`], as wrong flags do.
 
+mod demo;
+mod identify;
+mod logger;
 mod model;
+mod replay;
 mod simulate;
 
 use std::io::{ErrorKind, Write};
@@ -39,8 +43,16 @@ enum Progress {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Show the whole way once, with nothing to prepare
+    Demo(demo::Arguments),
     /// Simulate a passage and write it as a recording
     Simulate(simulate::Arguments),
+    /// Find the damage that explains a recording
+    Identify(identify::Arguments),
+    /// Send recordings through a logger, print and store what it reports
+    Replay(replay::Arguments),
+    /// Run a logger on this computer, on a TCP line
+    Logger(logger::Arguments),
     /// Build the logger's bridge model, or look into one
     #[command(subcommand)]
     Model(model::Command),
@@ -49,6 +61,10 @@ enum Command {
 fn dispatch(command: Command) -> Result<()> {
     match command {
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
+        Command::Identify(arguments) => identify::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
+        Command::Logger(arguments) => logger::run(&arguments),
         Command::Model(command) => model::run(&command),
     }
 }
@@ -78,4 +94,14 @@ fn print(text: &str) -> Result<()> {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error).context("cannot print the result"),
         _ => Ok(()),
     }
+}
+
+/// Prints one JSON object on a line of its own.
+fn print_json(value: &serde_json::Value) -> Result<()> {
+    print(&format!("{value}\n"))
+}
+
+/// Numbers of the elements, from 1, whose bit is set.
+fn certain_elements(bits: u16) -> Vec<u32> {
+    (0..u16::BITS).filter(|e| bits >> e & 1 == 1).map(|e| e + 1).collect()
 }

@@ -128,7 +128,9 @@ impl Station {
                 Outcome::Samples => {
                     bail!("the logger refuses the samples: it has no configuration, or they fit no channels")
                 }
-                Outcome::Chunk => bail!("the logger refuses a piece of the bridge model: it is out of order or too long"),
+                Outcome::Chunk => {
+                    bail!("the logger refuses a piece of the bridge model: it is out of order or too long")
+                }
             },
             Answer::Status(_) => bail!("the logger answers a request with its status: is it of another version?"),
         }

@@ -58,7 +58,9 @@ impl Store {
                     bail!("{name} is a database of something else; name another file for the alerts");
                 }
                 connection
-                    .execute_batch(&format!("BEGIN; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;"))
+                    .execute_batch(&format!(
+                        "BEGIN; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;"
+                    ))
                     .with_context(|| format!("cannot write the alert file {name}"))?;
             }
             other => bail!("{name} has version {other} of the alert tables; this program writes {SCHEMA_VERSION}"),
@@ -101,6 +103,8 @@ impl Store {
 
     /// Alerts stored so far.
     pub fn count(&self) -> Result<i64> {
-        Ok(self.connection.query_row("SELECT count(*) FROM alert", [], |row| row.get(0))?)
+        Ok(self
+            .connection
+            .query_row("SELECT count(*) FROM alert", [], |row| row.get(0))?)
     }
 }

@@ -16,7 +16,10 @@ pub fn passage(report: &PassageReport, start_s: f64, end_s: f64) -> String {
     );
     let _ = match &report.verdict {
         Verdict::Healthy { objective } => {
-            write!(text, " Healthy: no element shows damage beyond doubt (misfit {objective:.1e} (m/s²)²).")
+            write!(
+                text,
+                " Healthy: no element shows damage beyond doubt (misfit {objective:.1e} (m/s²)²)."
+            )
         }
         Verdict::Damaged { objective } => {
             write!(text, " Damage: see the alert (misfit {objective:.1e} (m/s²)²).")
@@ -39,9 +42,7 @@ fn why(reason: &Reason) -> String {
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
         Reason::NotThisTrain => "the train that was announced did not enter the bridge during it".to_owned(),
         Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
-        Reason::Unexplained => {
-            "no pattern of damage explains the record; check train, speed and entry time".to_owned()
-        }
+        Reason::Unexplained => "no pattern of damage explains the record; check train, speed and entry time".to_owned(),
     }
 }
 
@@ -56,7 +57,11 @@ pub fn faults(quality: &Quality) -> String {
     .filter(|(count, _)| *count > 0)
     .map(|(count, what)| format!("{count} {what}"))
     .collect();
-    if parts.is_empty() { "none bad".to_owned() } else { parts.join(", ") }
+    if parts.is_empty() {
+        "none bad".to_owned()
+    } else {
+        parts.join(", ")
+    }
 }
 
 /// An alert.
@@ -65,7 +70,12 @@ pub fn alert(alert: &Alert) -> String {
     let elements = || alert.damage_permille.iter().zip(&alert.std_permille).enumerate();
     let is_certain = |e: usize| alert.certain >> e & 1 == 1;
     let named = |e: usize, damage: u16, std: u16| {
-        format!("element {} has lost {:.1} ± {:.1} %", e + 1, percent(damage), 2.0 * percent(std))
+        format!(
+            "element {} has lost {:.1} ± {:.1} %",
+            e + 1,
+            percent(damage),
+            2.0 * percent(std)
+        )
     };
     let certain: Vec<String> = elements()
         .filter(|(e, _)| is_certain(*e))
@@ -73,9 +83,7 @@ pub fn alert(alert: &Alert) -> String {
         .collect();
     let possible: Vec<String> = elements()
         .filter(|(e, (damage, std))| !is_certain(*e) && **damage >= WORTH_A_WORD_PERMILLE && *damage > *std)
-        .map(|(e, (&damage, &std))| {
-            format!("element {} {:.1} ± {:.1} %", e + 1, percent(damage), 2.0 * percent(std))
-        })
+        .map(|(e, (&damage, &std))| format!("element {} {:.1} ± {:.1} %", e + 1, percent(damage), 2.0 * percent(std)))
         .collect();
     let mut text = format!(
         "ALERT, bridge {}, passage {}: {} of its bending stiffness, beyond doubt.",
@@ -122,5 +130,9 @@ pub fn status(status: &Status) -> String {
 
 /// What crossed the line.
 pub fn frames(station: &super::Station) -> String {
-    format!("{} frames came from the logger, {} refused", station.frames(), station.rejected())
+    format!(
+        "{} frames came from the logger, {} refused",
+        station.frames(),
+        station.rejected()
+    )
 }

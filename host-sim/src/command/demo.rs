@@ -1,0 +1,178 @@
+//! `host-sim demo`: the whole way once, with nothing to prepare. Two recorded passages go through a logger; what it says
+//! is printed, its alerts are stored, and each passage gets a picture.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use host_sim::channel::InProcess;
+use host_sim::identification::{Case, Method};
+use host_sim::picture::{self, DamageBars, History};
+use host_sim::replay::{self, Prepared, Told};
+use host_sim::station::{Station, store::Store, words};
+use spanwatch::bridge::Damage;
+use spanwatch::wire::message::Alert;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// Folder for recordings, pictures and the alert file; it is made if need be
+    #[arg(long, default_value = "demo-out", value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// A recording that comes with the program.
+struct Shipped {
+    stem: &'static str,
+    csv: &'static str,
+    toml: &'static str,
+    what: &'static str,
+    /// Damaged elements, from 1, and what they have truly lost.
+    truth: &'static [(usize, f64)],
+}
+
+macro_rules! recording {
+    ($stem:literal) => {
+        (
+            $stem,
+            include_str!(concat!("../../recordings/", $stem, ".csv")),
+            include_str!(concat!("../../recordings/", $stem, ".toml")),
+        )
+    };
+}
+
+fn shipped() -> [Shipped; 2] {
+    let (stem, csv, toml) = recording!("healthy-60kmh-noise5-3nodes");
+    let healthy = Shipped {
+        stem,
+        csv,
+        toml,
+        what: "an inspection car at 60 km/h over the healthy girder, three sensors, 5 % noise",
+        truth: &[],
+    };
+    let (stem, csv, toml) = recording!("case4-60kmh-noise5-3nodes");
+    let damaged = Shipped {
+        stem,
+        csv,
+        toml,
+        what: "the same, after element 1 has lost 21 % and element 5 41 % of its bending stiffness (the paper's case 4)",
+        truth: &[(1, 0.21), (5, 0.41)],
+    };
+    [healthy, damaged]
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let out = &arguments.out;
+    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let mut store = Store::open(&out.join("alerts.sqlite"))?;
+    let mut station = Station::new(Box::new(InProcess::new()));
+    super::print("A logger runs in this program; recorded passages reach it as raw counts in frames.\n")?;
+    for shipped in shipped() {
+        let prepared = unpack(out, &shipped)?;
+        super::print(&format!("\n{}: {}\n", prepared.path.display(), shipped.what))?;
+        let mut raised = None;
+        prepared.replay(&mut station, |told| match told {
+            Told::Passage { report, start_s, end_s } => {
+                super::print(&format!("  {}\n", words::passage(report, *start_s, *end_s)))
+            }
+            Told::Alert { alert, start_s } => {
+                let text = words::alert(alert);
+                store.append(shipped.stem, *start_s, alert, &text)?;
+                raised = Some(alert.clone());
+                super::print(&format!("  {text}\n"))
+            }
+        })?;
+        let path = out.join(shipped.stem).with_extension("svg");
+        draw(&path, &shipped, &prepared, raised.as_ref())?;
+        super::print(&format!("  Picture: {}\n", path.display()))?;
+    }
+    super::print(&format!(
+        "\n{}; {} alerts stored in {}.\n",
+        words::frames(&station),
+        store.count()?,
+        out.join("alerts.sqlite").display()
+    ))
+}
+
+/// Writes a recording that comes with the program where the user can look at it, and reads it as any other.
+fn unpack(out: &Path, shipped: &Shipped) -> Result<Prepared> {
+    let path = out.join(shipped.stem).with_extension("csv");
+    for (path, text) in [(&path, shipped.csv), (&path.with_extension("toml"), shipped.toml)] {
+        fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    replay::prepare(&path, None, replay::DEFAULT_SEED)
+}
+
+/// The passage measured and fitted, and the damage by element: the alert's, or without one what the same search finds.
+fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Alert>) -> Result<()> {
+    let case = Case::of(prepared)?;
+    let (damage, std) = match alert {
+        Some(alert) => (fractions(&alert.damage_permille), fractions(&alert.std_permille)),
+        None => {
+            let found = case.identify(Method::Hybrid, replay::DEFAULT_SEED)?;
+            (found.damage, found.std.unwrap_or_default())
+        }
+    };
+    let fitted = case.simulate(&damage)?;
+    let channels = &prepared.recording.channels;
+    let of_channel = |values: &[f32], c: usize| -> Vec<f64> {
+        values
+            .iter()
+            .skip(c)
+            .step_by(channels.len())
+            .map(|&v| f64::from(v))
+            .collect()
+    };
+    let labels: Vec<String> = channels
+        .iter()
+        .map(|channel| {
+            channel
+                .node
+                .map_or(channel.column.clone(), |node| format!("node {node}"))
+        })
+        .collect();
+    let histories: Vec<(Vec<f64>, Vec<f64>)> = (0..channels.len())
+        .map(|c| (of_channel(&case.samples, c), of_channel(&fitted, c)))
+        .collect();
+    let histories: Vec<History<'_>> = histories
+        .iter()
+        .zip(&labels)
+        .map(|((measured, fitted), label)| History {
+            label,
+            start_s: prepared.recording.start_s,
+            interval_s: prepared.recording.interval_s,
+            measured,
+            fitted,
+        })
+        .collect();
+    let elements = case.bridge.elements;
+    let [damage, std] = [damage, std].map(|values| values.map(f64::from));
+    let mut truth = vec![0.0; elements];
+    for &(element, loss) in shipped.truth {
+        truth[element - 1] = loss;
+    }
+    let title = match alert {
+        Some(_) => "Damage, beyond doubt",
+        None => "Healthy",
+    };
+    let bars = DamageBars {
+        damage: &damage[..elements],
+        std: Some(&std[..elements]),
+        truth: Some(&truth),
+    };
+    picture::identification(
+        path,
+        &format!("{title}: {}", prepared.path.display()),
+        shipped.what,
+        &histories,
+        &bars,
+    )
+}
+
+fn fractions(permille: &[u16]) -> Damage<f32> {
+    let mut fractions = Damage::default();
+    for (fraction, &permille) in fractions.iter_mut().zip(permille) {
+        *fraction = f32::from(permille) / 1000.0;
+    }
+    fractions
+}

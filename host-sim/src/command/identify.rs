@@ -1,0 +1,103 @@
+//! `host-sim identify`: which elements have lost stiffness, by one recording.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+use host_sim::identification::{Case, Found, Method};
+use host_sim::replay::{self, Prepared};
+use serde_json::json;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Search {
+    /// The logger's: a small genetic search, then Gauss-Newton, with uncertainties
+    Hybrid,
+    /// The paper's genetic algorithm (population 50, up to 1000 generations)
+    PaperGa,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// A recording: a CSV with a TOML of the same stem beside it
+    #[arg(value_name = "REC.csv")]
+    recording: PathBuf,
+    /// How to search
+    #[arg(long, value_enum, default_value_t = Search::Hybrid)]
+    method: Search,
+    /// Seed of the search
+    #[arg(long, default_value_t = replay::DEFAULT_SEED)]
+    seed: u64,
+    /// The bridge, where it is not the one that the recording names: a name or a bridge file NAME.toml
+    #[arg(long)]
+    bridge: Option<String>,
+    /// One JSON object instead of sentences
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let prepared = replay::prepare(&arguments.recording, arguments.bridge.as_deref(), arguments.seed)?;
+    let case = Case::of(&prepared)?;
+    let method = match arguments.method {
+        Search::Hybrid => Method::Hybrid,
+        Search::PaperGa => Method::PaperGa,
+    };
+    let found = case.identify(method, arguments.seed)?;
+    if arguments.json {
+        return super::print_json(&as_json(&found, &prepared, case.bridge.elements));
+    }
+    super::print(&in_words(&found, &case))
+}
+
+fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::Value {
+    let recording = &prepared.recording;
+    let genes = found.code.genes();
+    json!({
+        "damage": &found.damage[..elements],
+        "damage_std": found.std.as_ref().map(|std| &std[..elements]),
+        "code": &genes[..elements],
+        "speed_kmh": recording.speed_kmh,
+        "entry_time_s": recording.entry_time_s,
+        "load_factor": recording.load_factor.unwrap_or(1.0),
+        "objective": found.objective,
+        "forward_solves": found.forward_solves,
+        "generations": found.generations,
+        "converged": found.converged,
+        "certain": super::certain_elements(found.certain),
+        "explained": found.explained,
+    })
+}
+
+fn in_words(found: &Found, case: &Case) -> String {
+    let mut text = String::from("element  loss of bending stiffness\n");
+    for e in 0..case.bridge.elements {
+        let _ = write!(text, "{:>7}  {:5.1} %", e + 1, 100.0 * found.damage[e]);
+        if let Some(std) = &found.std {
+            let _ = write!(text, "  ± {:4.1} %", 200.0 * std[e]);
+        }
+        if found.certain >> e & 1 == 1 {
+            text.push_str("  damaged beyond doubt");
+        }
+        text.push('\n');
+    }
+    if found.std.is_some() {
+        text.push_str("The ranges hold two standard deviations.\n");
+    }
+    if !found.explained {
+        text.push_str(
+            "No damage explains this recording: check train, speed and entry time before you believe the table.\n",
+        );
+    }
+    let end = if found.converged {
+        "converged"
+    } else {
+        "NOT converged within its budget"
+    };
+    let _ = writeln!(
+        text,
+        "Misfit {:.2e} (m/s²)², {} forward solves, {} generations, {end}.",
+        found.objective, found.forward_solves, found.generations
+    );
+    text
+}

@@ -1,0 +1,154 @@
+//! `host-sim replay`: recordings through a logger, and what it says of them.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use clap::Args;
+use host_sim::channel::{self, QemuOptions, Via};
+use host_sim::replay::{self, Told};
+use host_sim::station::{Station, store::Store, words};
+use serde_json::json;
+use spanwatch::wire::message::{Alert, PassageReport, Verdict};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// Recordings, each a CSV with a TOML of the same stem beside it
+    #[arg(required = true, value_name = "REC.csv")]
+    recordings: Vec<PathBuf>,
+    /// The logger: inproc (in this program), qemu (the firmware image), tcp:HOST:PORT or serial:DEVICE
+    #[arg(long, default_value = "inproc", value_name = "WAY")]
+    via: Via,
+    /// The bridge, where it is not the one that the recording names: a name or a bridge file NAME.toml
+    #[arg(long)]
+    bridge: Option<String>,
+    /// One JSON object a line instead of sentences
+    #[arg(long)]
+    json: bool,
+    /// SQLite file that alerts are appended to
+    #[arg(long, default_value = "spanwatch.sqlite", value_name = "FILE")]
+    database: PathBuf,
+    /// Seed of the logger's search
+    #[arg(long, default_value_t = replay::DEFAULT_SEED)]
+    seed: u64,
+    /// Firmware image for --via qemu [default: target/thumbv7em-none-eabihf/firmware/logger]
+    #[arg(long, value_name = "FILE")]
+    image: Option<PathBuf>,
+    /// With --via qemu: print the logger's own log to standard error
+    #[arg(long)]
+    log: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let prepared = arguments
+        .recordings
+        .iter()
+        .map(|path| replay::prepare(path, arguments.bridge.as_deref(), arguments.seed))
+        .collect::<Result<Vec<_>>>()?;
+    let mut qemu = QemuOptions {
+        show_log: arguments.log,
+        ..QemuOptions::default()
+    };
+    if let Some(image) = &arguments.image {
+        qemu.image.clone_from(image);
+    }
+    let mut station = Station::new(channel::open(&arguments.via, &qemu)?);
+    let mut store = None;
+    let (mut samples, mut passages, mut alerts) = (0, 0, 0);
+    let mut last = None;
+    for prepared in &prepared {
+        let source = prepared.path.display().to_string();
+        if !arguments.json {
+            let open = prepared.missing_keys();
+            let open = match open.as_slice() {
+                [] => String::new(),
+                keys => format!(" (without {}: nothing will be identified)", keys.join(", ")),
+            };
+            super::print(&format!("{source}{open}\n"))?;
+        }
+        let status = prepared.replay(&mut station, |told| match told {
+            Told::Passage { report, start_s, end_s } => {
+                passages += 1;
+                if arguments.json {
+                    super::print_json(&passage_json(report, *start_s, *end_s, &source))
+                } else {
+                    super::print(&format!("  {}\n", words::passage(report, *start_s, *end_s)))
+                }
+            }
+            Told::Alert { alert, start_s } => {
+                alerts += 1;
+                let text = words::alert(alert);
+                open_store(&mut store, &arguments.database)?.append(&source, *start_s, alert, &text)?;
+                if arguments.json {
+                    super::print_json(&alert_json(alert, *start_s, &source))
+                } else {
+                    super::print(&format!("  {text}\n"))
+                }
+            }
+        })?;
+        samples += status.samples;
+        last = Some(status);
+    }
+    let Some(status) = last else { return Ok(()) };
+    let rejected = u64::from(station.rejected()) + u64::from(status.rejected);
+    if arguments.json {
+        return super::print_json(&json!({
+            "event": "summary",
+            "samples": samples,
+            "passages": passages,
+            "alerts": alerts,
+            "frames": station.frames() + u64::from(status.frames),
+            "rejected": rejected,
+        }));
+    }
+    let stored = match alerts {
+        0 => String::new(),
+        _ => format!(" The alerts are stored in {}.", arguments.database.display()),
+    };
+    super::print(&format!("{}{stored}\n", words::status(&status)))
+}
+
+fn open_store<'s>(store: &'s mut Option<Store>, path: &Path) -> Result<&'s mut Store> {
+    match store {
+        Some(store) => Ok(store),
+        none => Ok(none.insert(Store::open(path)?)),
+    }
+}
+
+fn passage_json(report: &PassageReport, start_s: f64, end_s: f64, source: &str) -> serde_json::Value {
+    let (verdict, objective) = match report.verdict {
+        Verdict::Healthy { objective } => ("healthy".to_owned(), Some(objective)),
+        Verdict::Damaged { objective } => ("damaged".to_owned(), Some(objective)),
+        Verdict::NotIdentified(reason) => (format!("not identified: {reason:?}"), None),
+    };
+    json!({
+        "event": "passage",
+        "recording": source,
+        "passage": report.passage,
+        "start_s": start_s,
+        "end_s": end_s,
+        "verdict": verdict,
+        "objective": objective,
+        "peak_mps2": report.peak_mps2,
+        "level_db": report.level_db,
+        "missing": report.quality.missing,
+        "saturated": report.quality.saturated,
+        "stuck": report.quality.stuck,
+    })
+}
+
+fn alert_json(alert: &Alert, start_s: f64, source: &str) -> serde_json::Value {
+    let fraction = |permille: &u16| f64::from(*permille) / 1000.0;
+    json!({
+        "event": "alert",
+        "recording": source,
+        "bridge": alert.bridge.as_str(),
+        "passage": alert.passage,
+        "start_s": start_s,
+        "damage": alert.damage_permille.iter().map(fraction).collect::<Vec<_>>(),
+        "damage_std": alert.std_permille.iter().map(fraction).collect::<Vec<_>>(),
+        "certain": super::certain_elements(alert.certain),
+        "objective": alert.objective,
+        "objective_healthy": alert.objective_healthy,
+        "forward_solves": alert.forward_solves,
+    })
+}
