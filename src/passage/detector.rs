@@ -16,6 +16,7 @@
 //! motion too, and everything is learnt anew.
 
 use crate::capacity::CHANNELS;
+use crate::math;
 use crate::wire::message::Trigger;
 
 /// Time constant of the offset, s.
@@ -170,9 +171,9 @@ impl Detector {
         let mut ratio_squared = 0.0_f32;
         for (levels, &x) in self.channels.iter_mut().zip(values) {
             let reference = levels.quiet_squared.max(thresholds.floor_squared);
-            let limit = match self.moving {
+            let limit = match self.moving || self.learnt <= thresholds.learn {
                 true => f32::INFINITY,
-                false => CLICK * thresholds.window * thresholds.on_squared * reference,
+                false => math::sqrt(CLICK * thresholds.window * thresholds.on_squared * reference),
             };
             if !x.is_nan() {
                 levels.push(thresholds, x, limit, at_rest, self.learnt);
@@ -215,11 +216,13 @@ impl Levels {
     fn push(&mut self, thresholds: &Thresholds, x: f32, limit: f32, at_rest: bool, learnt: u32) {
         // A plain mean until the exponential one has seen enough.
         let weight = |samples: f32| samples.min(learnt as f32).recip();
-        self.drift += weight(thresholds.drift) * (x - self.drift);
-        let square = ((x - self.drift) * (x - self.drift)).min(limit);
-        self.level_squared += weight(thresholds.window) * (square - self.level_squared);
+        let within = |deviation: f32| deviation.clamp(-limit, limit);
+        let deviation = within(x - self.drift);
+        self.drift += weight(thresholds.drift) * deviation;
+        let square = (x - self.drift) * (x - self.drift);
+        self.level_squared += weight(thresholds.window) * (square.min(limit * limit) - self.level_squared);
         if at_rest {
-            self.offset += weight(thresholds.offset) * (x - self.offset);
+            self.offset += weight(thresholds.offset) * within(x - self.offset);
             let above = self.level_squared - self.quiet_squared;
             self.quiet_squared += above
                 * if learnt <= thresholds.learn {

@@ -47,7 +47,7 @@ fn shipped() -> [Shipped; 2] {
         stem,
         csv,
         toml,
-        what: "an inspection car at 60 km/h over the healthy girder, three sensors, 5 % noise",
+        what: "one inspection car at 60 km/h over the healthy girder, three sensors, 5 % noise",
         truth: &[],
     };
     let (stem, csv, toml) = recording!("case4-60kmh-noise5-3nodes");
@@ -55,7 +55,7 @@ fn shipped() -> [Shipped; 2] {
         stem,
         csv,
         toml,
-        what: "the same, after element 1 has lost 21 % and element 5 41 % of its bending stiffness (the paper's case 4)",
+        what: "the same car, after element 1 has lost 21 % and element 5 41 % of their bending stiffness (the paper's case 4)",
         truth: &[(1, 0.21), (5, 0.41)],
     };
     [healthy, damaged]
@@ -87,10 +87,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         super::print(&format!("  Picture: {}\n", path.display()))?;
     }
     super::print(&format!(
-        "\n{}; {} alerts stored in {}.\n",
-        words::frames(&station),
-        store.count()?,
-        out.join("alerts.sqlite").display()
+        "\n{} frames came from the logger, {} refused; alerts in {}: {}.\n",
+        station.frames(),
+        station.rejected(),
+        out.join("alerts.sqlite").display(),
+        store.count()?
     ))
 }
 
@@ -162,7 +163,7 @@ fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Aler
     };
     picture::identification(
         path,
-        &format!("{title}: {}", prepared.path.display()),
+        &format!("{title}: {}", shipped.stem),
         shipped.what,
         &histories,
         &bars,

@@ -127,12 +127,3 @@ pub fn status(status: &Status) -> String {
     text.push_str(restart);
     text
 }
-
-/// What crossed the line.
-pub fn frames(station: &super::Station) -> String {
-    format!(
-        "{} frames came from the logger, {} refused",
-        station.frames(),
-        station.rejected()
-    )
-}
