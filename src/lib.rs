@@ -20,6 +20,7 @@ pub mod bridge;
 pub mod capacity;
 pub mod identify;
 pub mod interaction;
+pub mod link;
 pub mod logger;
 pub mod math;
 pub mod passage;
