@@ -10,7 +10,9 @@ fn main() -> io::Result<()> {
         return Ok(());
     }
     // A copy, because the linker looks for `memory.x` in the folders that it is given, not in the package.
-    let folder = env::var_os("OUT_DIR").map(PathBuf::from).ok_or(io::ErrorKind::NotFound)?;
+    let folder = env::var_os("OUT_DIR")
+        .map(PathBuf::from)
+        .ok_or(io::ErrorKind::NotFound)?;
     fs::copy("memory.x", folder.join("memory.x"))?;
     println!("cargo:rustc-link-search={}", folder.display());
     // `link.x` comes from cortex-m-rt, `defmt.x` from defmt. Without --nmagic the linker would align sections to pages.

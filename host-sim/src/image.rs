@@ -27,7 +27,10 @@ impl Sizes {
     /// The file is missing or no ELF file.
     pub fn of(path: &Path) -> anyhow::Result<Self> {
         let bytes = fs::read(path).with_context(|| {
-            format!("the image {} cannot be read; `sh tests/build-firmware.sh` builds it", path.display())
+            format!(
+                "the image {} cannot be read; `sh tests/build-firmware.sh` builds it",
+                path.display()
+            )
         })?;
         Self::in_elf(&bytes).with_context(|| format!("{} is no ELF image", path.display()))
     }
@@ -47,7 +50,10 @@ impl Sizes {
             if !is(SHF_ALLOC) {
                 continue;
             }
-            let no_bits = matches!(section.kind(), SectionKind::UninitializedData | SectionKind::Elf(SHT_NOBITS));
+            let no_bits = matches!(
+                section.kind(),
+                SectionKind::UninitializedData | SectionKind::Elf(SHT_NOBITS)
+            );
             let part = if no_bits {
                 &mut sizes.bss
             } else if is(SHF_EXECINSTR) || !is(SHF_WRITE) {

@@ -19,7 +19,7 @@ use board::Board;
 use spanwatch::link::Board as _;
 
 /// Short, so that the test need not wait for the hang to be found.
-const LONGEST_TURN_S: u32 = 1;
+const LONGEST_TURN_S: u32 = 3;
 /// From this byte on, an order.
 const FIRST_ORDER: u8 = 0x80;
 

@@ -137,7 +137,10 @@ impl Qemu {
         };
         let how = status.map_or("it still runs".to_owned(), |status| status.to_string());
         let mut text = format!("QEMU has closed the line ({how})");
-        for (who, said) in [("it said", said(&self.complaints)), ("the logger's last words", last(&self.log))] {
+        for (who, said) in [
+            ("it said", said(&self.complaints)),
+            ("the logger's last words", last(&self.log)),
+        ] {
             if !said.is_empty() {
                 text += &format!("; {who}: {said}");
             }
@@ -163,7 +166,8 @@ impl Channel for Qemu {
             return Ok(0);
         }
         // A timeout of zero would mean none at all.
-        self.line.set_read_timeout(Some(timeout.max(Duration::from_millis(1))))?;
+        self.line
+            .set_read_timeout(Some(timeout.max(Duration::from_millis(1))))?;
         match self.line.read(buffer) {
             Ok(0) => Err(self.gone()),
             Ok(count) => Ok(count),
@@ -225,7 +229,10 @@ fn read_log(mut output: impl Read, table: &Table, log: &Lines, show: bool) {
         loop {
             match decoder.decode() {
                 Ok(frame) => {
-                    let time = frame.display_timestamp().map(|time| time.to_string()).unwrap_or_default();
+                    let time = frame
+                        .display_timestamp()
+                        .map(|time| time.to_string())
+                        .unwrap_or_default();
                     let level = frame.level().map_or("", |level| level.as_str()).to_uppercase();
                     let text = format!("{time:>12} {level:<5} {}", frame.display_message());
                     if show {

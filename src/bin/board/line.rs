@@ -104,7 +104,10 @@ impl Line {
                 let since = clock::ticks();
                 while STATE.read() & STATE_SEND_FULL != 0 {
                     if clock::ticks() - since > DEAD_LINE_TICKS {
-                        warn!("the line takes no bytes; the rest of {=usize} bytes is dropped", bytes.len());
+                        warn!(
+                            "the line takes no bytes; the rest of {=usize} bytes is dropped",
+                            bytes.len()
+                        );
                         return;
                     }
                 }

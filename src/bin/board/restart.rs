@@ -133,21 +133,27 @@ pub fn report() -> Restart {
             Restart::Panic
         }
         FAULT => {
-            if record.status & STATUS_STACKING != 0 || stack::guards(record.address) {
-                error!("started after a fault: the stack ran over its end");
-            }
             error!(
                 "started after a fault at pc {=u32:#010x}, called from {=u32:#010x}: CFSR {=u32:#010x}, address {=u32:#010x}",
                 record.pc, record.lr, record.status, record.address
             );
+            if record.status & STATUS_STACKING != 0 || stack::guards(record.address) {
+                error!("the fault: the stack ran over its end");
+            }
             Restart::Fault
         }
         WATCHDOG => {
-            error!("started by the watchdog: hung at pc {=u32:#010x}, called from {=u32:#010x}", record.pc, record.lr);
+            error!(
+                "started by the watchdog: hung at pc {=u32:#010x}, called from {=u32:#010x}",
+                record.pc, record.lr
+            );
             Restart::Watchdog
         }
         UNEXPECTED => {
-            error!("started after an interrupt that nobody expects: number {=i32}", record.status as i32);
+            error!(
+                "started after an interrupt that nobody expects: number {=i32}",
+                record.status as i32
+            );
             Restart::Fault
         }
         _ => {
@@ -161,7 +167,10 @@ pub fn report() -> Restart {
         ..Record::new(RUNNING)
     });
     if failures >= FAST_RESTARTS {
-        error!("{=u32} failures in a row, each within 10 s of the start: stopped", failures);
+        error!(
+            "{=u32} failures in a row, each within 10 s of the start: stopped",
+            failures
+        );
         stop();
     }
     restart
@@ -192,7 +201,11 @@ fn panicked(panic: &PanicInfo) -> ! {
     if let Some(location) = panic.location() {
         // The end of the name tells more than its beginning.
         let name = location.file().as_bytes();
-        for (kept, byte) in record.file.iter_mut().zip(name.iter().skip(name.len().saturating_sub(FILE_BYTES))) {
+        for (kept, byte) in record
+            .file
+            .iter_mut()
+            .zip(name.iter().skip(name.len().saturating_sub(FILE_BYTES)))
+        {
             *kept = *byte;
         }
         record.line = location.line();
