@@ -25,5 +25,6 @@ pub mod logger;
 pub mod math;
 pub mod passage;
 pub mod recorder;
+pub mod slot;
 pub mod train;
 pub mod wire;

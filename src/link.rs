@@ -10,8 +10,10 @@ use crate::bridge::blob;
 use crate::capacity::MODEL_BLOB_BYTES;
 use crate::logger::Logger;
 use crate::wire::frame::Refusal;
-use crate::wire::message::{Acknowledgement, Answer, Effort, Health, ModelChunk, Outcome, Request, Status};
+use crate::wire::message::{Acknowledgement, Answer, Effort, ModelChunk, Outcome, Request, Status};
 use crate::wire::{Decoder, FrameBuffer, Kind};
+
+pub use crate::wire::message::{Health, Restart};
 
 /// What the logger needs of the board it runs on.
 pub trait Board {

@@ -20,6 +20,7 @@ use crate::interaction::{Kinematics, Observation, Run, SetupError};
 use crate::math::level_db;
 use crate::passage::stream::UnevenBlock;
 use crate::passage::{Kept, Passage, Stream};
+use crate::slot::Slot;
 use crate::train::Train;
 use crate::wire::message::{Alert, Configuration, Event, PassageReport, Quality, Reason, Traffic, Trigger, Verdict};
 
@@ -165,10 +166,10 @@ struct Work {
 /// State of the logger. Large: it belongs in static memory.
 #[derive(Debug, Clone)]
 pub struct Logger {
-    configuration: Option<Configuration>,
-    bridge: Option<ReducedBridge<f32>>,
+    configuration: Slot<Configuration>,
+    bridge: Slot<ReducedBridge<f32>>,
     stream: Stream,
-    work: Option<Work>,
+    work: Slot<Work>,
     events: Deque<Event, EVENTS>,
     passages: u32,
     alerts: u32,
@@ -185,10 +186,10 @@ impl Logger {
     /// A logger without configuration and without a bridge: it takes no samples yet.
     pub const fn new() -> Self {
         Self {
-            configuration: None,
-            bridge: None,
+            configuration: Slot::Empty,
+            bridge: Slot::Empty,
             stream: Stream::new(),
-            work: None,
+            work: Slot::Empty,
             events: Deque::new(),
             passages: 0,
             alerts: 0,
@@ -200,18 +201,18 @@ impl Logger {
     pub fn configure(&mut self, configuration: Configuration) -> Result<(), ConfigurationError> {
         configuration.check()?;
         self.stream.configure(&configuration);
-        self.work = None;
+        self.work = Slot::Empty;
         self.events.clear();
         self.passages = 0;
         self.alerts = 0;
         self.solver_steps = 0;
-        self.configuration = Some(configuration);
+        self.configuration = Slot::Full(configuration);
         Ok(())
     }
 
     /// Takes another bridge model; an identification in progress is dropped with the old one.
     pub fn load(&mut self, bridge: ReducedBridge<f32>) {
-        self.bridge = Some(bridge);
+        self.bridge = Slot::Full(bridge);
         if let Some(work) = self.work.take() {
             self.report(work.report, Verdict::NotIdentified(Reason::NoModel));
         }
@@ -233,7 +234,7 @@ impl Logger {
 
     /// Does one slice of the work that waits; true if there is more.
     pub fn poll(&mut self) -> bool {
-        let (Some(work), Some(bridge)) = (&mut self.work, &self.bridge) else {
+        let (Some(work), Some(bridge)) = (self.work.as_mut(), self.bridge.as_ref()) else {
             return false;
         };
         let problem = Problem {
@@ -256,7 +257,7 @@ impl Logger {
 
     /// An identification is running.
     pub fn is_busy(&self) -> bool {
-        self.work.is_some()
+        self.work.as_ref().is_some()
     }
 
     /// The next thing that the base station should know.
@@ -297,7 +298,7 @@ impl Logger {
                 Ok(observation) => {
                     let seed = self.configuration.as_ref().map_or(0, |c| c.seed);
                     let search = Hybrid::new(seed);
-                    self.work = Some(Work {
+                    self.work = Slot::Full(Work {
                         observation,
                         search,
                         report,
@@ -328,7 +329,7 @@ impl Logger {
 
     /// How the passage is to be simulated, or why it cannot be.
     fn observe(&self, passage: &Passage) -> Result<Observation<f32>, Reason> {
-        let (Some(bridge), Some(configuration)) = (&self.bridge, &self.configuration) else {
+        let (Some(bridge), Some(configuration)) = (self.bridge.as_ref(), self.configuration.as_ref()) else {
             return Err(Reason::NoModel);
         };
         let traffic = configuration.traffic.as_ref().ok_or(Reason::NoTraffic)?;
@@ -359,7 +360,7 @@ impl Logger {
         } else if certain == 0 {
             self.end_work(Verdict::Healthy { objective });
         } else {
-            if let (Some(work), Some(bridge)) = (&self.work, &self.bridge) {
+            if let (Some(work), Some(bridge)) = (self.work.as_ref(), self.bridge.as_ref()) {
                 let permille = |values: &[f32]| {
                     let whole = |value: &f32| (value * 1000.0 + 0.5) as u16;
                     values.iter().take(bridge.elements).map(whole).collect()

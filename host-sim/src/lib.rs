@@ -3,6 +3,7 @@
 pub mod channel;
 pub mod evaluate;
 pub mod identification;
+pub mod image;
 pub mod model;
 pub mod output;
 pub mod picture;

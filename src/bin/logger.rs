@@ -1,2 +1,38 @@
-//! The firmware.
-fn main() {}
+//! The image for the logger: what comes down the line goes to [`RemoteLogger`], and the idle time too.
+#![no_std]
+#![no_main]
+
+mod board;
+
+use board::Board;
+use spanwatch::link::RemoteLogger;
+
+/// A turn of the loop longer than this is a hang. The longest slice of a search takes a few hundred million
+/// instructions: at 25 MHz and one to two clocks each, less than half of it.
+const LONGEST_TURN_S: u32 = 60;
+/// Bytes handed on at once.
+const CHUNK_BYTES: usize = 256;
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    // In a static: it is most of the RAM.
+    static mut LOGGER: RemoteLogger = RemoteLogger::new();
+
+    let mut board = Board::start(LONGEST_TURN_S);
+    run(LOGGER, &mut board)
+}
+
+/// Not part of `main`, whose stack frame must be small: what goes wrong is recorded only once the board has started.
+#[inline(never)]
+fn run(logger: &mut RemoteLogger, board: &mut Board) -> ! {
+    let mut chunk = [0; CHUNK_BYTES];
+    loop {
+        board.feed_watchdog();
+        let bytes = board.take(&mut chunk);
+        if !bytes.is_empty() {
+            logger.receive(bytes, board);
+        } else if !logger.poll(board) {
+            board.sleep();
+        }
+    }
+}

@@ -51,20 +51,20 @@ pub struct Thresholds {
 }
 
 impl Thresholds {
-    /// Nothing ever moves.
+    /// For a stream without channels.
     pub const NONE: Self = Self {
-        window: 1.0,
-        on_squared: f32::INFINITY,
-        on_samples: u32::MAX,
+        window: 0.0,
+        on_squared: 0.0,
+        on_samples: 0,
         off_squared: 0.0,
-        off_samples: 1,
-        floor_squared: 1.0,
-        offset: 1.0,
-        drift: 1.0,
-        rise: 1.0,
-        fall: 1.0,
+        off_samples: 0,
+        floor_squared: 0.0,
+        offset: 0.0,
+        drift: 0.0,
+        rise: 0.0,
+        fall: 0.0,
         learn: 0,
-        longest: u32::MAX,
+        longest: 0,
     };
 
     /// The trigger for `rate_hz` samples a second.

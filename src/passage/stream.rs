@@ -7,6 +7,7 @@ use super::conditioning::{Conditioner, Fault, stuck_run};
 use super::detector::{Detector, Thresholds};
 use super::{Kept, Passage, PassageSamples};
 use crate::capacity::{CHANNELS, LEAD_VALUES};
+use crate::slot::Slot;
 use crate::wire::message::{Channel, Configuration, Quality};
 
 /// Passages that may end within one block.
@@ -42,7 +43,7 @@ pub struct Stream {
     detector: Detector,
     /// The latest samples, from before a passage, m/s² with their offset.
     lead: Deque<f32, LEAD_VALUES>,
-    open: Option<Open>,
+    open: Slot<Open>,
     ended: Deque<Passage, ENDED>,
     /// Samples of the open passage or of one that has ended and is held.
     samples: PassageSamples,
@@ -63,7 +64,7 @@ impl Stream {
             conditioners: [Conditioner::NEW; CHANNELS],
             detector: Detector::NEW,
             lead: Deque::new(),
-            open: None,
+            open: Slot::Empty,
             ended: Deque::new(),
             samples: PassageSamples::new(),
             held: false,
@@ -84,7 +85,7 @@ impl Stream {
         self.conditioners = [Conditioner::NEW; CHANNELS];
         self.detector = Detector::NEW;
         self.lead.clear();
-        self.open = None;
+        self.open = Slot::Empty;
         self.ended.clear();
         self.samples.clear();
         self.held = false;
@@ -185,10 +186,10 @@ impl Stream {
             self.remember(values);
             return;
         }
-        if self.open.is_none() {
+        if self.open.as_ref().is_none() {
             self.begin(index, seen.ratio_squared);
         }
-        if let Some(open) = &mut self.open {
+        if let Some(open) = self.open.as_mut() {
             let kept = if open.kept == Kept::Whole {
                 Some(&mut self.samples)
             } else {
@@ -222,7 +223,7 @@ impl Stream {
                 *peak = peak.max((value - self.detector.offset(c)).abs());
             }
         }
-        self.open = Some(Open {
+        self.open = Slot::Full(Open {
             first_sample,
             bracket,
             peak_mps2,

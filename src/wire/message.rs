@@ -312,6 +312,8 @@ pub enum Restart {
     Fault,
     /// The program hung.
     Watchdog,
+    /// Somebody pressed the button.
+    Request,
 }
 
 /// State that only the board under a logger knows.

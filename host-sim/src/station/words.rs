@@ -119,7 +119,7 @@ pub fn status(status: &Status) -> String {
         let _ = write!(text, " Stack {} bytes at most.", status.health.stack_peak_bytes);
     }
     let restart = match status.health.restart {
-        Restart::PowerOn => "",
+        Restart::PowerOn | Restart::Request => "",
         Restart::Panic => " It has restarted after a panic.",
         Restart::Fault => " It has restarted after a processor fault.",
         Restart::Watchdog => " It has restarted because it hung.",
