@@ -1,6 +1,7 @@
 //! The logger's identification: the small genetic search finds the basin, Gauss-Newton its bottom.
 //!
-//! Cut into slices: each call of [`Hybrid::advance`] makes one forward solve of the search or one pass of the refinement.
+//! Cut into slices: each call of [`Hybrid::advance`] makes one forward solve of the search or one slice of the
+//! refinement, which is one forward solve or as many as there are elements and one more.
 //! Deterministic for a seed.
 
 use rand_core::SeedableRng;
@@ -10,7 +11,7 @@ use super::CodeSearch;
 use super::code::DamageCode;
 use super::micro_ga::MicroGa;
 use super::objective::Problem;
-use super::refine::{Refinement, Stop, solves_per_pass};
+use super::refine::{Refinement, Stop};
 
 use crate::bridge::Damage;
 use crate::capacity::ELEMENTS;
@@ -114,8 +115,9 @@ impl Hybrid {
                 return Ok(None);
             }
         };
+        let before = refinement.solves();
         let stop = refinement.advance(problem)?;
-        self.forward_solves += solves_per_pass(problem.bridge.elements);
+        self.forward_solves += refinement.solves() - before;
         let Some(stop) = stop else { return Ok(None) };
         // A singular information matrix: the recording says nothing of some element.
         let (damage, std, objective) =

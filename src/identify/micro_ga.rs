@@ -31,6 +31,8 @@ pub struct MicroGa<R: Rng> {
     cursor: usize,
     generation: u32,
     best: (DamageCode, f32),
+    /// Generation in which the best appeared.
+    best_since: u32,
     /// Generations since the last improvement.
     stale: u32,
     restarts: u32,
@@ -58,6 +60,7 @@ impl<R: Rng> MicroGa<R> {
             cursor: 0,
             generation: 1,
             best: (DamageCode::default(), f32::INFINITY),
+            best_since: 1,
             stale: 0,
             restarts: 0,
             limit,
@@ -142,6 +145,7 @@ impl<R: Rng> CodeSearch for MicroGa<R> {
         individual.1 = misfit;
         if misfit < self.best.1 {
             self.best = *individual;
+            self.best_since = self.generation;
             self.stale = 0;
         }
         self.cursor += 1;
@@ -154,5 +158,9 @@ impl<R: Rng> CodeSearch for MicroGa<R> {
 
     fn generations(&self) -> u32 {
         self.generation
+    }
+
+    fn best_since(&self) -> u32 {
+        self.best_since
     }
 }
