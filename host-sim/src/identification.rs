@@ -5,7 +5,7 @@ use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::identify::refine::Stop;
-use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, PaperGa, Problem};
+use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, PaperGa, Problem, paper_ga};
 use spanwatch::interaction::Observation;
 
 use crate::replay::Prepared;
@@ -143,8 +143,8 @@ impl Case {
     }
 
     fn paper_ga(&self, problem: &Problem<'_>, seed: u64) -> Result<Found> {
-        let mut search = PaperGa::new(Xoshiro128PlusPlus::seed_from_u64(seed));
-        let bar = terminal::progress(u64::from(spanwatch::identify::paper_ga::MAX_GENERATIONS), "generations");
+        let mut search = PaperGa::new(Xoshiro128PlusPlus::seed_from_u64(seed), paper_ga::LIMIT);
+        let bar = terminal::progress(u64::from(paper_ga::MAX_GENERATIONS), "generations");
         let mut forward_solves = 0;
         while let Some(code) = search.ask() {
             search.tell(problem.misfit(&code.damage())?);

@@ -25,6 +25,9 @@ const CRC_BYTES: usize = 4;
 const COMPLETENESS_TOLERANCE: f32 = 1e-3;
 /// Lowest and highest believable natural frequency of a basis vector, Hz.
 const FREQUENCY_RANGE_HZ: [f32; 2] = [0.01, 1e6];
+/// Largest believable displacement (kg^-1/2) and slope (kg^-1/2/m) of a mass-normalised shape: those of a point that moves
+/// with a kilogram, and ten radians for each metre of it.
+const MAX_SHAPE: [f32; 2] = [1.0, 10.0];
 /// Longest believable path, m.
 const MAX_LENGTH_M: f32 = 10_000.0;
 
@@ -32,17 +35,17 @@ const MAX_LENGTH_M: f32 = 10_000.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Absurdity {
-    /// A shape is not finite.
+    /// A shape is not finite, or moves more than a kilogram could.
     Shape,
     /// A natural frequency lies outside 0.01 Hz to 1 MHz.
     Frequency,
     /// The natural frequencies do not ascend.
     Order,
-    /// The damping is negative.
+    /// The damping is negative, or keeps the first mode from swinging.
     Damping,
     /// Stiffness of an element that does not exist.
     Element,
-    /// The path is empty, longer than 10 km or begins before node 1.
+    /// The path is empty, longer than 10 km or does not begin at node 1.
     Path,
     /// The path's nodes do not ascend.
     PathOrder,
@@ -55,12 +58,12 @@ pub enum Absurdity {
 impl fmt::Display for Absurdity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Shape => "a mode shape is not finite",
+            Self::Shape => "a mode shape is not finite or moves more than a kilogram could",
             Self::Frequency => "a natural frequency lies outside 0.01 Hz to 1 MHz",
             Self::Order => "the natural frequencies do not ascend",
-            Self::Damping => "the damping is negative",
+            Self::Damping => "the damping is negative or keeps the first mode from swinging",
             Self::Element => "it has stiffness for an element that does not exist",
-            Self::Path => "the path is empty, longer than 10 km or begins before node 1",
+            Self::Path => "the path is empty, longer than 10 km or does not begin at node 1",
             Self::PathOrder => "the nodes of the path do not ascend",
             Self::Sensors => "it has no place for a sensor",
             Self::Stiffness => "the elements' stiffnesses do not add up to the bridge's",
@@ -228,8 +231,26 @@ fn believe(layout: &Layout) -> Result<(), BlobError> {
     if !layout.lambda.is_sorted() {
         return absurd(Absurdity::Order);
     }
-    if !layout.rayleigh.iter().all(|&p| p.is_finite() && p >= 0.0) {
+    // 2 xi omega = p1 + p2 omega^2 of the lowest mode, the one that a bridge must swing in.
+    let [p1, p2] = layout.rayleigh;
+    let critical = 2.0 * crate::math::sqrt(layout.lambda[0]);
+    if !(p1 >= 0.0 && p2 >= 0.0 && p1 + p2 * layout.lambda[0] < critical) {
         return absurd(Absurdity::Damping);
+    }
+    let displacements = layout
+        .path
+        .iter()
+        .map(|(_, w, _)| w)
+        .chain(layout.sensors.iter().map(|(_, row)| row));
+    let slopes = layout.path.iter().map(|(.., slope)| slope);
+    let shapes = displacements
+        .map(|w| (w, MAX_SHAPE[0]))
+        .chain(slopes.map(|slope| (slope, MAX_SHAPE[1])));
+    if shapes
+        .into_iter()
+        .any(|(vector, limit)| vector.iter().any(|value| value.abs() > limit))
+    {
+        return absurd(Absurdity::Shape);
     }
     if layout.elements == 0 || usize::from(layout.elements) > ELEMENTS {
         return Err(BlobError::TooLarge);
@@ -238,7 +259,8 @@ fn believe(layout: &Layout) -> Result<(), BlobError> {
         return absurd(Absurdity::Element);
     }
     let positions = || layout.path.iter().map(|&(x, ..)| x);
-    if layout.path.len() < 2 || positions().any(|x| !(0.0..=MAX_LENGTH_M).contains(&x)) {
+    let begins = positions().next().is_some_and(|x| x == 0.0);
+    if !begins || layout.path.len() < 2 || positions().any(|x| !(0.0..=MAX_LENGTH_M).contains(&x)) {
         return absurd(Absurdity::Path);
     }
     if positions().zip(positions().skip(1)).any(|(a, b)| b <= a) {

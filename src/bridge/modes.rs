@@ -93,6 +93,15 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
         self
     }
 
+    /// Length of the path, m.
+    pub fn length_m(&self) -> T {
+        self.position_m
+            .get(..self.nodes)
+            .and_then(|nodes| nodes.last())
+            .copied()
+            .unwrap_or(T::zero())
+    }
+
     /// Natural frequency of mode `k` (from 0), Hz.
     pub fn frequency_hz(&self, k: usize) -> T {
         self.omega_squared[k].sqrt() / T::two_pi()

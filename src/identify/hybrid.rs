@@ -1,6 +1,7 @@
 //! The logger's identification: the small genetic search finds the basin, Gauss-Newton its bottom.
 //!
-//! Cut into slices: each call of [`Hybrid::advance`] makes one forward solve of the search or one pass of the refinement.
+//! Cut into slices: each call of [`Hybrid::advance`] makes one forward solve of the search or one slice of the
+//! refinement, which is one forward solve or as many as there are elements and one more.
 //! Deterministic for a seed.
 
 use rand_core::SeedableRng;
@@ -10,14 +11,18 @@ use super::CodeSearch;
 use super::code::DamageCode;
 use super::micro_ga::MicroGa;
 use super::objective::Problem;
-use super::refine::{Refinement, Stop, solves_per_pass};
+use super::refine::{Refinement, Stop};
 
 use crate::bridge::Damage;
 use crate::capacity::ELEMENTS;
 use crate::interaction::SetupError;
 
-/// Forward solves of the genetic search before the refinement begins.
-pub const BASIN_BUDGET: u32 = 80;
+/// Forward solves of the genetic search before the refinement begins. From the undamaged bridge alone, the refinement ended
+/// elsewhere in 8 of 60 random cases of one to three damages up to 65 %; after 16 solves in 1, after 24 in none. With this
+/// budget and two [`ROUNDS`] it is right in 400 of 400.
+pub const BASIN_BUDGET: u32 = 40;
+/// If what the refinement finds does not explain the recording, the genetic search begins again, up to so many rounds in all.
+const ROUNDS: u32 = 2;
 
 /// An element is damaged beyond doubt if its damage exceeds this, a change worth an inspection, ...
 pub const ALARM_DAMAGE: f32 = 0.05;
@@ -75,6 +80,9 @@ impl Identification {
 pub struct Hybrid {
     search: MicroGa<Xoshiro128PlusPlus>,
     refinement: Option<Refinement>,
+    /// The best that a round has found.
+    best: Option<Identification>,
+    round: u32,
     forward_solves: u32,
     objective_healthy: f32,
 }
@@ -85,6 +93,8 @@ impl Hybrid {
         Self {
             search: MicroGa::new(Xoshiro128PlusPlus::seed_from_u64(seed), 0.0, BASIN_BUDGET),
             refinement: None,
+            best: None,
+            round: 1,
             forward_solves: 0,
             objective_healthy: 0.0,
         }
@@ -114,15 +124,16 @@ impl Hybrid {
                 return Ok(None);
             }
         };
+        let before = refinement.solves();
         let stop = refinement.advance(problem)?;
-        self.forward_solves += solves_per_pass(problem.bridge.elements);
+        self.forward_solves += refinement.solves() - before;
         let Some(stop) = stop else { return Ok(None) };
         // A singular information matrix: the recording says nothing of some element.
         let (damage, std, objective) =
             refinement
                 .estimate(problem)
                 .unwrap_or(([0.0; ELEMENTS], [1.0; ELEMENTS], f32::INFINITY));
-        Ok(Some(Identification {
+        let found = Identification {
             damage,
             std,
             code: DamageCode::nearest(&damage),
@@ -132,6 +143,22 @@ impl Hybrid {
             forward_solves: self.forward_solves,
             generations: self.search.generations(),
             stop,
-        }))
+        };
+        let best = match self.best {
+            Some(earlier) if earlier.objective <= objective => Identification {
+                forward_solves: found.forward_solves,
+                generations: found.generations,
+                ..earlier
+            },
+            _ => found,
+        };
+        if !best.explained() && self.round < ROUNDS {
+            self.best = Some(best);
+            self.round += 1;
+            self.refinement = None;
+            self.search.begin_again(BASIN_BUDGET);
+            return Ok(None);
+        }
+        Ok(Some(best))
     }
 }

@@ -30,4 +30,6 @@ pub trait CodeSearch {
     fn best(&self) -> (DamageCode, f32);
     /// Generations begun.
     fn generations(&self) -> u32;
+    /// Generation, from 1, in which the best pattern appeared.
+    fn best_since(&self) -> u32;
 }

@@ -36,9 +36,9 @@ impl Problem<'_> {
         let mut sum = 0.0;
         for recorded in self.recorded() {
             for (f, simulated) in recorded.iter().zip(simulation.sample()) {
-                let residual = f - simulated;
-                if !residual.is_nan() {
-                    sum += residual * residual;
+                // A simulation that is not a number, though, must not pass for a perfect one.
+                if !f.is_nan() {
+                    sum += (f - simulated) * (f - simulated);
                 }
             }
         }

@@ -132,12 +132,7 @@ impl<T: Real, const M: usize> Interaction<T, M> {
         if !(1..=CARS).contains(&train.cars) {
             return Err(SetupError::Cars);
         }
-        let length = bridge
-            .position_m
-            .get(..bridge.nodes)
-            .and_then(|nodes| nodes.last())
-            .copied();
-        let touching = (length.unwrap_or(T::zero()) + train.car.length_m()) / train.pitch_m;
+        let touching = (bridge.length_m() + train.car.length_m()) / train.pitch_m;
         if train.cars > CARS_ON_BRIDGE && touching >= T::of(CARS_ON_BRIDGE as f64) {
             return Err(SetupError::TooManyOnBridge);
         }
@@ -212,16 +207,18 @@ impl<T: Real, const M: usize> Interaction<T, M> {
         let front = T::of(f64::from(self.steps)) * (speed * h) - speed * self.run.entry_time_s;
         let mut grips: [[Option<Grip<T, M>>; CONTACTS]; CARS_ON_BRIDGE] = [[None; CONTACTS]; CARS_ON_BRIDGE];
         let mut aboard = 0..0;
+        let (length, car_length) = (self.bridge.length_m(), self.train.car.length_m());
         for car in 0..self.train.cars.min(CARS) {
             let car_front = front - self.train.pitch_m * T::of(car as f64);
             if car_front < T::zero() {
                 break;
             }
-            let on: [Option<Shape<T, M>>; CONTACTS] =
-                core::array::from_fn(|i| self.bridge.shape_at(car_front - self.train.car.contacts[i].behind_m));
-            if on.iter().all(Option::is_none) {
+            // Until its last contact has left: on a bridge shorter than the car, the body swings on while none touches.
+            if car_front - car_length > length {
                 continue;
             }
+            let on: [Option<Shape<T, M>>; CONTACTS] =
+                core::array::from_fn(|i| self.bridge.shape_at(car_front - self.train.car.contacts[i].behind_m));
             let first = if aboard.is_empty() { car } else { aboard.start };
             aboard = first..car + 1;
             let Some(grip) = grips.get_mut(car - first) else { break };

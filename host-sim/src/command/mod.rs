@@ -5,6 +5,7 @@
 //! code [`BAD_INPUT`], as wrong flags do.
 
 mod demo;
+mod evaluate;
 mod identify;
 mod logger;
 mod model;
@@ -51,6 +52,9 @@ enum Command {
     Identify(identify::Arguments),
     /// Send recordings through a logger, print and store what it reports
     Replay(replay::Arguments),
+    /// Search the paper's cases again and set the result beside its tables
+    #[command(subcommand)]
+    Evaluate(evaluate::Command),
     /// Run a logger on this computer, on a TCP line
     Logger(logger::Arguments),
     /// Build the logger's bridge model, or look into one
@@ -64,6 +68,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Evaluate(command) => evaluate::run(&command),
         Command::Logger(arguments) => logger::run(&arguments),
         Command::Model(command) => model::run(&command),
     }
