@@ -27,6 +27,6 @@ pub const PASSAGE_SAMPLES: usize = 18_432;
 /// Samples from before a passage, counted over all channels: 1.7 s of three at 200 Hz.
 pub const LEAD_VALUES: usize = 1024;
 /// Bytes of an encoded bridge model.
-pub const MODEL_BLOB_BYTES: usize = 6 * 1024;
+pub const MODEL_BLOB_BYTES: usize = 5 * 1024;
 /// Bytes of one message's payload in a frame.
 pub const PAYLOAD_BYTES: usize = 512;

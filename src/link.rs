@@ -108,6 +108,8 @@ impl RemoteLogger {
 }
 
 impl Desk {
+    // Not inlined: a request and a bridge model on their way must not stand on the stack while a search runs.
+    #[inline(never)]
     fn answer(&mut self, sequence: u32, request: Request, rejected: u32, board: &mut impl Board) {
         self.frames = self.frames.saturating_add(1);
         let outcome = match request {

@@ -221,6 +221,8 @@ fn product(matrix: &Matrix, vector: &Vector) -> Vector {
 }
 
 /// Simulates the pattern and its neighbours side by side and sums the normal equations.
+// Not inlined: its frame, a simulation for each element, must not stand on the stack while anything else runs.
+#[inline(never)]
 fn normal_equations(problem: &Problem<'_>, at: &Vector) -> Result<Normal, SetupError> {
     let elements = problem.bridge.elements.min(ELEMENTS);
     let damage = losses(at);

@@ -94,6 +94,17 @@ struct CarState<T: Real> {
     acceleration: [T; CAR_DOFS],
 }
 
+impl<T: Real> CarState<T> {
+    fn at_rest() -> Self {
+        let zero = [T::zero(); CAR_DOFS];
+        Self {
+            position: zero,
+            velocity: zero,
+            acceleration: zero,
+        }
+    }
+}
+
 /// What a contact on the bridge adds to the step.
 #[derive(Debug, Clone, Copy)]
 struct Grip<T: Real, const M: usize> {
@@ -119,7 +130,10 @@ pub struct Interaction<T: Real, const M: usize> {
     position: SVector<T, M>,
     velocity: SVector<T, M>,
     acceleration: SVector<T, M>,
-    cars: [CarState<T>; CARS],
+    /// States of the cars that touch the bridge, car `c` at place `c % CARS_ON_BRIDGE`.
+    cars: [CarState<T>; CARS_ON_BRIDGE],
+    /// Cars that have entered the bridge so far.
+    entered: usize,
 }
 
 impl<T: Real, const M: usize> Interaction<T, M> {
@@ -151,12 +165,6 @@ impl<T: Real, const M: usize> Interaction<T, M> {
         let effective = bridge
             .omega_squared
             .zip_map(&bridge.damping, |w2, c| T::one() + gamma_h * c + beta_h2 * w2);
-        let zero = [T::zero(); CAR_DOFS];
-        let rest = CarState {
-            position: zero,
-            velocity: zero,
-            acceleration: zero,
-        };
         Ok(Self {
             bridge,
             train,
@@ -168,7 +176,8 @@ impl<T: Real, const M: usize> Interaction<T, M> {
             position: SVector::zeros(),
             velocity: SVector::zeros(),
             acceleration: SVector::zeros(),
-            cars: [rest; CARS],
+            cars: [CarState::at_rest(); CARS_ON_BRIDGE],
+            entered: 0,
         })
     }
 
@@ -217,6 +226,10 @@ impl<T: Real, const M: usize> Interaction<T, M> {
             if car_front - car_length > length {
                 continue;
             }
+            if car >= self.entered {
+                self.cars[car % CARS_ON_BRIDGE] = CarState::at_rest();
+                self.entered = car + 1;
+            }
             let on: [Option<Shape<T, M>>; CONTACTS] =
                 core::array::from_fn(|i| self.bridge.shape_at(car_front - self.train.car.contacts[i].behind_m));
             let first = if aboard.is_empty() { car } else { aboard.start };
@@ -257,7 +270,7 @@ impl<T: Real, const M: usize> Interaction<T, M> {
         let two = T::of(2.0);
         let contacts = &self.train.car.contacts;
 
-        let state = &mut self.cars[car];
+        let state = &mut self.cars[car % CARS_ON_BRIDGE];
         for d in 0..CAR_DOFS {
             state.position[d] += h * (state.velocity[d] + T::of(0.5 - BETA) * h * state.acceleration[d]);
             state.velocity[d] += T::of(1.0 - GAMMA) * h * state.acceleration[d];
@@ -310,7 +323,7 @@ impl<T: Real, const M: usize> Interaction<T, M> {
     /// Gives car `car` its accelerations, the bridge's being known.
     fn release(&mut self, car: usize, grips: &[Option<Grip<T, M>>; CONTACTS]) {
         let h = self.step_s;
-        let state = &mut self.cars[car];
+        let state = &mut self.cars[car % CARS_ON_BRIDGE];
         let mut acceleration = [T::zero(); CAR_DOFS];
         for ((contact, grip), compliance) in self.train.car.contacts.iter().zip(grips).zip(&self.compliance) {
             let rise = dot(&contact.lever, &state.position);
