@@ -18,6 +18,8 @@ pub struct Sizes {
     pub bss: u64,
     /// Room for the stack, from `memory.x`. `size` does not count it.
     pub stack: u64,
+    /// The static that holds the logger, part of `bss`; 0 if the image has none.
+    pub logger: u64,
 }
 
 impl Sizes {
@@ -67,6 +69,9 @@ impl Sizes {
         if let (Some(top), Some(bottom)) = (address("_stack_start"), address("_stack_end")) {
             sizes.stack = top.saturating_sub(bottom);
         }
+        let is_logger = |name: &str| name.contains("LOGGER");
+        let logger = elf.symbols().find(|symbol| symbol.name().is_ok_and(is_logger));
+        sizes.logger = logger.map_or(0, |symbol| symbol.size());
         Ok(sizes)
     }
 

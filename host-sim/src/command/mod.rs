@@ -8,6 +8,7 @@ mod demo;
 mod evaluate;
 mod identify;
 mod logger;
+mod measure;
 mod model;
 mod replay;
 mod simulate;
@@ -57,6 +58,8 @@ enum Command {
     Evaluate(evaluate::Command),
     /// Run a logger on this computer, on a TCP line
     Logger(logger::Arguments),
+    /// Measure the firmware image: bytes, and instructions counted in QEMU
+    Measure(measure::Arguments),
     /// Build the logger's bridge model, or look into one
     #[command(subcommand)]
     Model(model::Command),
@@ -70,6 +73,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Evaluate(command) => evaluate::run(&command),
         Command::Logger(arguments) => logger::run(&arguments),
+        Command::Measure(arguments) => measure::run(&arguments),
         Command::Model(command) => model::run(&command),
     }
 }
