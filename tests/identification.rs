@@ -1,1 +1,442 @@
+//! Identification: the logger's search finds the paper's eight cases and hundreds of others, says how sure it is, and the
+//! genetic searches' operators do what they promise.
 
+use std::collections::HashMap;
+use std::convert::Infallible;
+
+use host_sim::evaluate::{CASES_2DOF, Case, Recording, Signal};
+use host_sim::model;
+use host_sim::simulate::Scenario;
+use rand_core::{Rng, SeedableRng, TryRng};
+use rand_xoshiro::{Xoshiro128PlusPlus, Xoshiro256PlusPlus};
+use spanwatch::bridge::ReducedBridge;
+use spanwatch::capacity::ELEMENTS;
+use spanwatch::identify::code::CODE_BITS;
+use spanwatch::identify::{
+    CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Problem, micro_ga, paper_ga,
+};
+
+/// The paper's limit if its unit were (m/s²)².
+const LIMIT_IF_SI: f32 = 1e-6;
+
+fn girder50() -> ReducedBridge<f32> {
+    let file = model::shipped("girder50").expect("shipped");
+    model::reduce::reduce(&file).expect("reduces").cast()
+}
+
+fn case(number: u32) -> Case {
+    Case::numbered(number).expect("a case of the paper")
+}
+
+fn code(of: &[(usize, u8)]) -> DamageCode {
+    of.iter().fold(DamageCode::default(), |code, &(element, gene)| {
+        code.with(element - 1, gene)
+    })
+}
+
+fn misfit(problem: &Problem<'_>, code: DamageCode) -> f32 {
+    problem.misfit(&code.damage()).expect("a forward solve")
+}
+
+fn identify(problem: &Problem<'_>, seed: u64) -> Identification {
+    let mut search = Hybrid::new(seed);
+    loop {
+        if let Some(found) = search.advance(problem).expect("a forward solve") {
+            return found;
+        }
+    }
+}
+
+fn xoshiro(seed: u64) -> Xoshiro128PlusPlus {
+    Xoshiro128PlusPlus::seed_from_u64(seed)
+}
+
+// ---- the logger's identification ------------------------------------------------------------------------------------
+
+#[test]
+fn hybrid_finds_all_eight_cases_of_the_paper() {
+    // Measured over 20 seeds: 52 to 88 solves, where the paper's population judges 50 codes a generation.
+    const SOLVES: u32 = 130;
+    // Without noise the damage is known to the square root of what counts as explained, and the valley's flatness.
+    const POINTS: f32 = 0.005;
+    let bridge = girder50();
+    for case in CASES_2DOF {
+        let recording = Recording::of(&bridge, &case, Signal::Recorded).expect("simulates");
+        let problem = recording.problem();
+        for seed in 1..=if case.cars == 1 { 3 } else { 1 } {
+            let found = identify(&problem, seed);
+            let truth = case.scenario(Signal::Recorded).damage;
+            let off = (found.damage.iter().zip(truth)).fold(0.0_f32, |off, (d, t)| off.max((d - t as f32).abs()));
+            println!(
+                "case {}: {:?}, off by {off:.4}, {} solves",
+                case.number,
+                found.code.genes(),
+                found.forward_solves
+            );
+            assert_eq!(found.code, case.code(), "case {}, seed {seed}", case.number);
+            assert!(
+                off < POINTS && found.forward_solves <= SOLVES,
+                "case {}, seed {seed}: {off}",
+                case.number
+            );
+        }
+    }
+}
+
+#[test]
+fn hybrid_finds_damage_that_it_was_not_made_for() {
+    // One to three damages of 5 to 65 % anywhere, at 60 to 270 km/h, from mid-span alone.
+    const SCENARIOS: u64 = 60;
+    const POINTS: f64 = 0.01;
+    let bridge = girder50();
+    for seed in 0..SCENARIOS {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut unit = || f64::from(rng.next_u32()) / f64::from(u32::MAX);
+        let mut scenario = Scenario {
+            speed_kmh: 60.0 + 210.0 * unit(),
+            ..Scenario::inspection_car()
+        }
+        .recorded();
+        for _ in 0..1 + (3.0 * unit()) as usize {
+            let element = ((ELEMENTS as f64 * unit()) as usize).min(ELEMENTS - 1);
+            scenario.damage[element] = 0.05 + 0.6 * unit();
+        }
+        let recording = Recording::of_scenario(&bridge, &scenario).expect("simulates");
+        let found = identify(&recording.problem(), seed);
+        let off =
+            (found.damage.iter().zip(scenario.damage)).fold(0.0, |off: f64, (d, t)| off.max((f64::from(*d) - t).abs()));
+        assert!(
+            off < POINTS,
+            "seed {seed}: {:?}, found {:?}",
+            scenario.damage,
+            found.damage
+        );
+    }
+}
+
+#[test]
+fn the_stated_deviations_are_the_cramer_rao_bounds() {
+    // The design's section 6: 5 % noise, inspection car, node 6: median / worst element 3.4 / 6.2 points in case 1 and 7.6 /
+    // 14.3 in case 6. They were computed from another program's derivatives at the true damage; these here come from
+    // one-sided differences at the damage found, which noise has moved, and the noise's strength is itself estimated from
+    // some 1000 samples (2 %).
+    const AGREEMENT: f32 = 0.10;
+    let bridge = girder50();
+    for (number, bounds) in [(1, [0.034, 0.062]), (6, [0.076, 0.143])] {
+        let scenario = Scenario {
+            noise: 0.05,
+            seed: 11,
+            ..case(number).scenario(Signal::Recorded)
+        };
+        let recording = Recording::of_scenario(&bridge, &scenario).expect("simulates");
+        let found = identify(&recording.problem(), 1);
+        let mut std = found.std;
+        std.sort_by(f32::total_cmp);
+        let (median, worst) = ((std[4] + std[5]) / 2.0, std[ELEMENTS - 1]);
+        println!("case {number}: {median:.4} / {worst:.4}, bounds {bounds:?}");
+        assert!((median / bounds[0] - 1.0).abs() < AGREEMENT && (worst / bounds[1] - 1.0).abs() < AGREEMENT);
+        for (e, (d, t)) in found.damage.iter().zip(scenario.damage).enumerate() {
+            assert!((d - t as f32).abs() < 5.0 * found.std[e], "element {}: {d}", e + 1);
+        }
+    }
+}
+
+#[test]
+fn noise_alone_is_not_damage() {
+    let bridge = girder50();
+    for seed in 1..=10 {
+        let scenario = Scenario {
+            noise: 0.05,
+            seed,
+            ..Scenario::inspection_car()
+        }
+        .recorded();
+        let recording = Recording::of_scenario(&bridge, &scenario).expect("simulates");
+        let found = identify(&recording.problem(), seed);
+        assert!(
+            found.explained() && found.certain() == 0,
+            "seed {seed}: {:?}",
+            found.damage
+        );
+    }
+}
+
+#[test]
+fn what_no_damage_explains_is_not_called_explained() {
+    // A record of something else: a steady hum of 6 Hz.
+    let bridge = girder50();
+    let recording = Recording::of(&bridge, &case(1), Signal::Recorded).expect("simulates");
+    let problem = recording.problem();
+    let hum: Vec<f32> = (0..problem.samples.len())
+        .map(|i| 0.05 * (i as f32 * 0.03 * std::f32::consts::TAU).sin())
+        .collect();
+    let found = identify(
+        &Problem {
+            samples: &hum,
+            ..problem
+        },
+        1,
+    );
+    assert!(!found.explained() && found.certain() == 0, "{found:?}");
+}
+
+#[test]
+fn an_identification_is_the_same_for_the_same_seed() {
+    let bridge = girder50();
+    let recording = Recording::of(&bridge, &case(2), Signal::Recorded).expect("simulates");
+    assert_eq!(identify(&recording.problem(), 7), identify(&recording.problem(), 7));
+}
+
+// ---- what the paper's search can and cannot find --------------------------------------------------------------------
+
+#[test]
+fn paper_ga_finds_case_3() {
+    // The one case in which the nearest code has the least misfit of all. Seed 1 finds it in generation 20.
+    const GENERATIONS: u32 = 60;
+    let bridge = girder50();
+    let recording = Recording::of(&bridge, &case(3), Signal::Recorded).expect("simulates");
+    let problem = recording.problem();
+    let mut search = PaperGa::new(xoshiro(1), paper_ga::LIMIT);
+    let mut known = HashMap::new();
+    while search.generations() <= GENERATIONS {
+        let Some(code) = search.ask() else { break };
+        search.tell(*known.entry(code).or_insert_with(|| misfit(&problem, code)));
+    }
+    println!(
+        "found in generation {}, {} codes solved",
+        search.best_since(),
+        known.len()
+    );
+    assert_eq!(search.best().0, case(3).code());
+}
+
+#[test]
+fn the_nearest_code_is_not_the_one_with_the_least_misfit() {
+    // Why a genetic search over codes ends elsewhere than the paper's tables: one point of damage that no code can express
+    // is better made up for by 10 % in an element at a support, which the first mode hardly bends.
+    let bridge = girder50();
+    for (number, better) in [
+        (1, code(&[(5, 1), (10, 1)])),
+        (2, code(&[(5, 4), (9, 1)])),
+        (4, code(&[(2, 1), (5, 4)])),
+        (5, code(&[(5, 1), (10, 2)])),
+        (6, code(&[(5, 1), (10, 2)])),
+        (7, code(&[(5, 1), (10, 1)])),
+        (8, code(&[(5, 1), (10, 1)])),
+    ] {
+        let recording = Recording::of(&bridge, &case(number), Signal::Recorded).expect("simulates");
+        let problem = recording.problem();
+        let (nearest, other) = (misfit(&problem, case(number).code()), misfit(&problem, better));
+        println!("case {number}: nearest {nearest:.3e}, {:?} {other:.3e}", better.genes());
+        assert!(other < nearest, "case {number}");
+        let truth = case(number).scenario(Signal::Recorded).damage.map(|d| d as f32);
+        assert!(
+            problem.misfit(&truth).expect("a solve") < 1e-4 * other,
+            "the damage itself explains it all"
+        );
+    }
+}
+
+#[test]
+fn no_limit_of_the_misfit_serves_all_eight_cases() {
+    // A limit that ends the search at the nearest code in case 8 must be above 8.7e-5 (m/s²)²; one that does not end it at
+    // the undamaged bridge in case 3, below 9.4e-8. No unit of 1e-6 and no other mass of the girder mends that: both
+    // misfits grow alike with the square of the unit and of the girder's lightness.
+    let bridge = girder50();
+    let of = |number: u32, code: DamageCode| {
+        misfit(
+            &Recording::of(&bridge, &case(number), Signal::Recorded)
+                .expect("simulates")
+                .problem(),
+            code,
+        )
+    };
+    let undamaged = of(3, DamageCode::default());
+    let nearest = of(8, case(8).code());
+    println!("case 3, undamaged: {undamaged:.1e}; case 8, nearest: {nearest:.1e}");
+    assert!(undamaged < LIMIT_IF_SI && LIMIT_IF_SI < nearest && nearest > 500.0 * undamaged);
+    assert!(
+        of(3, case(3).code()) > paper_ga::LIMIT,
+        "in gal no code is below it, so the search runs to its end"
+    );
+}
+
+// ---- the genetic searches, on landscapes made for them --------------------------------------------------------------
+
+/// A smooth landscape with its least misfit at one code.
+fn hill(code: DamageCode) -> f32 {
+    const TOP: [u8; ELEMENTS] = [2, 0, 7, 1, 4, 0, 3, 0, 5, 6];
+    code.genes()
+        .iter()
+        .zip(TOP)
+        .map(|(&g, t)| (f32::from(g) - f32::from(t)).powi(2))
+        .sum::<f32>()
+        + 0.5
+}
+
+/// Runs a search for so many solves; gives the codes that it asked for.
+fn asked(search: &mut impl CodeSearch, landscape: impl Fn(DamageCode) -> f32, solves: usize) -> Vec<DamageCode> {
+    let mut codes = vec![];
+    while codes.len() < solves {
+        let Some(code) = search.ask() else { break };
+        assert_eq!(search.ask(), Some(code), "asked twice, the same answer");
+        codes.push(code);
+        search.tell(landscape(code));
+    }
+    codes
+}
+
+#[test]
+fn two_point_crossover_exchanges_the_middle_and_nothing_else() {
+    let mut rng = xoshiro(3);
+    for _ in 0..20_000 {
+        let pair = [0, 1].map(|_| DamageCode::from_bits(rng.next_u32()));
+        let cuts = [0, 1].map(|_| rng.next_u32() % (CODE_BITS + 1));
+        let children = paper_ga::swap_between(pair, cuts);
+        let (from, to) = (cuts[0].min(cuts[1]), cuts[0].max(cuts[1]));
+        for bit in 0..CODE_BITS {
+            let of = |code: DamageCode| code.bits() >> bit & 1;
+            let [a, b] = if (from..to).contains(&bit) { [1, 0] } else { [0, 1] };
+            assert_eq!(
+                [of(children[0]), of(children[1])],
+                [of(pair[a]), of(pair[b])],
+                "bit {bit}, cuts {cuts:?}"
+            );
+        }
+    }
+    let pair = [code(&[(1, 7)]), code(&[(10, 7)])];
+    assert_eq!(paper_ga::swap_between(pair, [13, 13]), pair);
+    assert_eq!(paper_ga::swap_between(pair, [CODE_BITS, 0]), [pair[1], pair[0]]);
+}
+
+#[test]
+fn mutation_replaces_one_gene_in_ten_evenly() {
+    // A replaced gene is the old one again once in eight. Five standard deviations: a right rate fails once in two
+    // million runs, and the seed is fixed.
+    const CODES: u32 = 100_000;
+    const DEVIATIONS: f64 = 5.0;
+    let mut rng = xoshiro(5);
+    let before = code(&[(2, 3), (5, 7)]);
+    let (mut changed, mut landed) = ([0_u32; ELEMENTS], [0_u32; 8]);
+    for _ in 0..CODES {
+        let after = paper_ga::mutate(before, &mut rng);
+        for e in (0..ELEMENTS).filter(|&e| after.gene(e) != before.gene(e)) {
+            changed[e] += 1;
+            if before.gene(e) == 0 {
+                landed[usize::from(after.gene(e))] += 1;
+            }
+        }
+    }
+    let within =
+        |count: u32, n: f64, p: f64| (f64::from(count) - n * p).abs() < DEVIATIONS * (n * p * (1.0 - p)).sqrt();
+    let rate = f64::from(paper_ga::MUTATION) * 7.0 / 8.0;
+    println!(
+        "changed {changed:?} of {CODES}, expected {:.0}; landed {landed:?}",
+        f64::from(CODES) * rate
+    );
+    assert!(changed.iter().all(|&count| within(count, f64::from(CODES), rate)));
+    let total = f64::from(landed.iter().sum::<u32>());
+    assert!(landed[0] == 0 && landed[1..].iter().all(|&count| within(count, total, 1.0 / 7.0)));
+}
+
+#[test]
+fn paper_ga_keeps_its_best_and_its_sizes() {
+    let mut search = PaperGa::new(xoshiro(9), 0.0);
+    let mut best = f32::INFINITY;
+    let mut solves = 0_u32;
+    while let Some(code) = search.ask() {
+        if solves > 0 && (solves as usize).is_multiple_of(paper_ga::POPULATION) {
+            assert_eq!(code, search.best().0, "the best is the first of each new generation");
+        }
+        search.tell(hill(code));
+        solves += 1;
+        assert_eq!(search.generations(), (solves - 1) / paper_ga::POPULATION as u32 + 1);
+        assert!(search.best().1 <= best && search.best_since() <= search.generations());
+        best = search.best().1;
+    }
+    // No misfit is below zero: 1000 generations of 50.
+    assert_eq!((solves, search.generations()), (50_000, paper_ga::MAX_GENERATIONS));
+    assert!(!search.converged() && (best - 0.5).abs() < f32::EPSILON, "{best}");
+    // And it ends at once when a misfit is below the limit.
+    let mut search = PaperGa::new(xoshiro(9), 0.6);
+    asked(&mut search, hill, usize::MAX);
+    assert!(search.converged() && search.generations() < paper_ga::MAX_GENERATIONS);
+}
+
+#[test]
+fn micro_ga_keeps_its_best_its_budget_and_brings_strangers() {
+    const _: () = assert!(micro_ga::POPULATION <= 10);
+    const BUDGET: u32 = 3000;
+    let mut search = MicroGa::new(xoshiro(2), 0.0, BUDGET);
+    let first = asked(&mut search, hill, 1);
+    assert_eq!(first, [DamageCode::default()], "the undamaged bridge comes first");
+    let mut best = search.best().1;
+    for _ in 1..BUDGET {
+        assert_eq!(asked(&mut search, hill, 1).len(), 1);
+        assert!(search.best().1 <= best, "{best}");
+        best = search.best().1;
+    }
+    assert_eq!(search.ask(), None, "the budget is used up");
+    assert!(
+        search.restarts() > 0 && (best - 0.5).abs() < f32::EPSILON,
+        "{} {best}",
+        search.restarts()
+    );
+    // The elite is not judged again: seven solves a generation after the first eight.
+    assert_eq!(search.generations(), (BUDGET - 8).div_ceil(7) + 1);
+
+    search.begin_again(100);
+    assert_eq!(asked(&mut search, hill, usize::MAX).len(), 100);
+}
+
+#[test]
+fn searches_are_the_same_for_the_same_seed_and_not_for_another() {
+    let paper = |seed| asked(&mut PaperGa::new(xoshiro(seed), 0.0), hill, 2000);
+    let micro = |seed| asked(&mut MicroGa::new(xoshiro(seed), 0.0, 500), hill, 2000);
+    assert!(paper(1) == paper(1) && micro(1) == micro(1));
+    assert!(paper(1) != paper(2) && micro(1) != micro(2));
+}
+
+/// A generator of another kind (a Weyl sequence, mixed), which counts its draws.
+struct Counting {
+    state: u32,
+    draws: u32,
+}
+
+impl TryRng for Counting {
+    type Error = Infallible;
+
+    fn try_next_u32(&mut self) -> Result<u32, Infallible> {
+        self.draws += 1;
+        self.state = self.state.wrapping_add(0x9E37_79B9);
+        let mixed = (self.state ^ (self.state >> 16)).wrapping_mul(0x85EB_CA6B);
+        Ok(mixed ^ (mixed >> 13))
+    }
+
+    fn try_next_u64(&mut self) -> Result<u64, Infallible> {
+        let halves = [self.try_next_u32()?, self.try_next_u32()?];
+        Ok(u64::from(halves[0]) << 32 | u64::from(halves[1]))
+    }
+
+    fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Infallible> {
+        for chunk in bytes.chunks_mut(4) {
+            let word = self.try_next_u32()?.to_le_bytes();
+            chunk.copy_from_slice(&word[..chunk.len()]);
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn searches_run_on_any_generator_and_draw_from_no_other() {
+    let mut rng = Counting { state: 1, draws: 0 };
+    // A borrowed generator is one too.
+    asked(&mut PaperGa::new(&mut rng, 0.0), hill, paper_ga::POPULATION);
+    assert_eq!(rng.draws, 50, "one draw for each individual of the first population");
+    let mut search = PaperGa::new(&mut rng, 0.6);
+    asked(&mut search, hill, usize::MAX);
+    assert!(search.converged());
+    let before = rng.draws;
+    asked(&mut MicroGa::new(&mut rng, 0.0, 100), hill, usize::MAX);
+    assert!(rng.draws > before);
+}

@@ -166,10 +166,14 @@ pub struct Recording<'a> {
 impl<'a> Recording<'a> {
     /// Simulates a case on `bridge`, in `f64`.
     pub fn of(bridge: &'a ReducedBridge<f32>, case: &Case, signal: Signal) -> Result<Self> {
-        let scenario = case.scenario(signal);
-        let passage = simulate(&bridge.cast(), &scenario)?;
+        Self::of_scenario(bridge, &case.scenario(signal))
+    }
+
+    /// Simulates any scenario on `bridge`, in `f64`.
+    pub fn of_scenario(bridge: &'a ReducedBridge<f32>, scenario: &Scenario) -> Result<Self> {
+        let passage = simulate(&bridge.cast(), scenario)?;
         let train = Train::of_kind(scenario.train, scenario.cars)
-            .with_context(|| format!("case {} has {} cars", case.number, scenario.cars))?;
+            .with_context(|| format!("there is no train of {} cars", scenario.cars))?;
         let interval_s = scenario.sample_interval_s();
         let places = (scenario.nodes.iter())
             .map(|&node| {
@@ -193,7 +197,9 @@ impl<'a> Recording<'a> {
                 steps_per_sample: (interval_s / scenario.step_s).round() as u32,
                 antialias_hz: scenario.antialias_hz.map(|hz| hz as f32),
             },
-            samples: passage.channels[0].iter().map(|&v| v as f32).collect(),
+            samples: (0..passage.channels[0].len())
+                .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
+                .collect(),
         })
     }
 
