@@ -10,7 +10,7 @@ use crate::bridge::blob;
 use crate::capacity::MODEL_BLOB_BYTES;
 use crate::logger::Logger;
 use crate::wire::frame::Refusal;
-use crate::wire::message::{Acknowledgement, Answer, Effort, ModelChunk, Outcome, Request, Status};
+use crate::wire::message::{Acknowledgement, Answer, Effort, Event, ModelChunk, Outcome, Request, Status};
 use crate::wire::{Decoder, FrameBuffer, Kind};
 
 pub use crate::wire::message::{Health, Restart};
@@ -196,6 +196,7 @@ impl Desk {
     fn tell(&mut self, board: &mut impl Board) {
         while let Some(event) = self.logger.next_event() {
             self.events = self.events.wrapping_add(1);
+            log(&event);
             self.send(Kind::Event, self.events, &event, board);
         }
     }
@@ -206,4 +207,26 @@ impl Desk {
             board.send(bytes);
         }
     }
+}
+
+/// Tells a person at the debugger what the base station is told.
+fn log(event: &Event) {
+    #[cfg(feature = "defmt")]
+    match event {
+        Event::Passage(report) => defmt::info!(
+            "passage {=u32}, samples {=u64} to {=u64}: {}",
+            report.passage,
+            report.start_sample,
+            report.end_sample,
+            report.verdict
+        ),
+        Event::Alert(alert) => defmt::warn!(
+            "alert of passage {=u32}: elements {=u16:#b} damaged, per mille {=[?]}",
+            alert.passage,
+            alert.certain,
+            alert.damage_permille.as_slice()
+        ),
+    }
+    #[cfg(not(feature = "defmt"))]
+    let _ = event;
 }
