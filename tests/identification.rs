@@ -4,7 +4,8 @@
 use std::collections::HashMap;
 use std::convert::Infallible;
 
-use host_sim::evaluate::{CASES_2DOF, Case, Recording, Signal};
+use host_sim::evaluate::{CASES_2DOF, Case, Signal};
+use host_sim::identification::Observed;
 use host_sim::model;
 use host_sim::simulate::Scenario;
 use rand_core::{Rng, SeedableRng, TryRng};
@@ -61,7 +62,7 @@ fn hybrid_finds_all_eight_cases_of_the_paper() {
     const POINTS: f32 = 0.005;
     let bridge = girder50();
     for case in CASES_2DOF {
-        let recording = Recording::of(&bridge, &case, Signal::Recorded).expect("simulates");
+        let recording = Observed::simulated(&bridge, &case.scenario(Signal::Recorded)).expect("simulates");
         let problem = recording.problem();
         for seed in 1..=if case.cars == 1 { 3 } else { 1 } {
             let found = identify(&problem, seed);
@@ -101,7 +102,7 @@ fn hybrid_finds_damage_that_it_was_not_made_for() {
             let element = ((ELEMENTS as f64 * unit()) as usize).min(ELEMENTS - 1);
             scenario.damage[element] = 0.05 + 0.6 * unit();
         }
-        let recording = Recording::of_scenario(&bridge, &scenario).expect("simulates");
+        let recording = Observed::simulated(&bridge, &scenario).expect("simulates");
         let found = identify(&recording.problem(), seed);
         let off =
             (found.damage.iter().zip(scenario.damage)).fold(0.0, |off: f64, (d, t)| off.max((f64::from(*d) - t).abs()));
@@ -128,7 +129,7 @@ fn the_stated_deviations_are_the_cramer_rao_bounds() {
             seed: 11,
             ..case(number).scenario(Signal::Recorded)
         };
-        let recording = Recording::of_scenario(&bridge, &scenario).expect("simulates");
+        let recording = Observed::simulated(&bridge, &scenario).expect("simulates");
         let found = identify(&recording.problem(), 1);
         let mut std = found.std;
         std.sort_by(f32::total_cmp);
@@ -151,7 +152,7 @@ fn noise_alone_is_not_damage() {
             ..Scenario::inspection_car()
         }
         .recorded();
-        let recording = Recording::of_scenario(&bridge, &scenario).expect("simulates");
+        let recording = Observed::simulated(&bridge, &scenario).expect("simulates");
         let found = identify(&recording.problem(), seed);
         assert!(
             found.explained() && found.certain() == 0,
@@ -165,7 +166,7 @@ fn noise_alone_is_not_damage() {
 fn what_no_damage_explains_is_not_called_explained() {
     // A record of something else: a steady hum of 6 Hz.
     let bridge = girder50();
-    let recording = Recording::of(&bridge, &case(1), Signal::Recorded).expect("simulates");
+    let recording = Observed::simulated(&bridge, &case(1).scenario(Signal::Recorded)).expect("simulates");
     let problem = recording.problem();
     let hum: Vec<f32> = (0..problem.samples.len())
         .map(|i| 0.05 * (i as f32 * 0.03 * std::f32::consts::TAU).sin())
@@ -183,7 +184,7 @@ fn what_no_damage_explains_is_not_called_explained() {
 #[test]
 fn an_identification_is_the_same_for_the_same_seed() {
     let bridge = girder50();
-    let recording = Recording::of(&bridge, &case(2), Signal::Recorded).expect("simulates");
+    let recording = Observed::simulated(&bridge, &case(2).scenario(Signal::Recorded)).expect("simulates");
     assert_eq!(identify(&recording.problem(), 7), identify(&recording.problem(), 7));
 }
 
@@ -194,7 +195,7 @@ fn paper_ga_finds_case_3() {
     // The one case in which the nearest code has the least misfit of all. Seed 1 finds it in generation 20.
     const GENERATIONS: u32 = 60;
     let bridge = girder50();
-    let recording = Recording::of(&bridge, &case(3), Signal::Recorded).expect("simulates");
+    let recording = Observed::simulated(&bridge, &case(3).scenario(Signal::Recorded)).expect("simulates");
     let problem = recording.problem();
     let mut search = PaperGa::new(xoshiro(1), paper_ga::LIMIT);
     let mut known = HashMap::new();
@@ -224,7 +225,7 @@ fn the_nearest_code_is_not_the_one_with_the_least_misfit() {
         (7, code(&[(5, 1), (10, 1)])),
         (8, code(&[(5, 1), (10, 1)])),
     ] {
-        let recording = Recording::of(&bridge, &case(number), Signal::Recorded).expect("simulates");
+        let recording = Observed::simulated(&bridge, &case(number).scenario(Signal::Recorded)).expect("simulates");
         let problem = recording.problem();
         let (nearest, other) = (misfit(&problem, case(number).code()), misfit(&problem, better));
         println!("case {number}: nearest {nearest:.3e}, {:?} {other:.3e}", better.genes());
@@ -245,7 +246,7 @@ fn no_limit_of_the_misfit_serves_all_eight_cases() {
     let bridge = girder50();
     let of = |number: u32, code: DamageCode| {
         misfit(
-            &Recording::of(&bridge, &case(number), Signal::Recorded)
+            &Observed::simulated(&bridge, &case(number).scenario(Signal::Recorded))
                 .expect("simulates")
                 .problem(),
             code,

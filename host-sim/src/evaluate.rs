@@ -1,20 +1,15 @@
 //! The paper's cases: each simulated without noise, identified from mid-span alone, and set beside the paper's result.
 
-use std::collections::HashMap;
 use std::fmt::Write;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
-use rand_core::SeedableRng;
-use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::ReducedBridge;
-use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Problem};
-use spanwatch::interaction::{Observation, Run};
-use spanwatch::train::Train;
+use spanwatch::identify::DamageCode;
 
-use crate::simulate::{Scenario, simulate};
+use crate::identification::{Found, Known, Method, Observed, search};
+use crate::simulate::Scenario;
 
 /// A case of the paper's Tables 6 and 7.
 #[derive(Debug, Clone, Copy)]
@@ -133,166 +128,6 @@ pub enum Signal {
     Raw,
 }
 
-/// How to search.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// The paper's genetic algorithm.
-    PaperGa,
-    /// The logger's small genetic search alone.
-    MicroGa,
-    /// The logger's whole identification.
-    Hybrid,
-}
-
-impl Method {
-    /// As it is called on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::PaperGa => "paper-ga",
-            Self::MicroGa => "micro-ga",
-            Self::Hybrid => "hybrid",
-        }
-    }
-}
-
-/// A recorded passage of a case, ready to be searched.
-#[derive(Debug, Clone)]
-pub struct Recording<'a> {
-    bridge: &'a ReducedBridge<f32>,
-    observation: Observation<f32>,
-    samples: Vec<f32>,
-}
-
-impl<'a> Recording<'a> {
-    /// Simulates a case on `bridge`, in `f64`.
-    pub fn of(bridge: &'a ReducedBridge<f32>, case: &Case, signal: Signal) -> Result<Self> {
-        Self::of_scenario(bridge, &case.scenario(signal))
-    }
-
-    /// Simulates any scenario on `bridge`, in `f64`.
-    pub fn of_scenario(bridge: &'a ReducedBridge<f32>, scenario: &Scenario) -> Result<Self> {
-        let passage = simulate(&bridge.cast(), scenario)?;
-        let train = Train::of_kind(scenario.train, scenario.cars)
-            .with_context(|| format!("there is no train of {} cars", scenario.cars))?;
-        let interval_s = scenario.sample_interval_s();
-        let places = (scenario.nodes.iter())
-            .map(|&node| {
-                bridge
-                    .sensor_at(node)
-                    .with_context(|| format!("the bridge has no node {node}"))
-            })
-            .collect::<Result<_>>()?;
-        Ok(Self {
-            bridge,
-            observation: Observation {
-                train,
-                run: Run {
-                    speed_mps: (scenario.speed_kmh / 3.6) as f32,
-                    entry_time_s: scenario.lead_s as f32,
-                    load_factor: scenario.load_factor as f32,
-                    kinematics: scenario.kinematics,
-                },
-                places,
-                sample_rate_hz: interval_s.recip() as f32,
-                steps_per_sample: (interval_s / scenario.step_s).round() as u32,
-                antialias_hz: scenario.antialias_hz.map(|hz| hz as f32),
-            },
-            samples: (0..passage.channels[0].len())
-                .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
-                .collect(),
-        })
-    }
-
-    /// The problem to be searched.
-    pub fn problem(&self) -> Problem<'_> {
-        Problem {
-            bridge: self.bridge,
-            observation: &self.observation,
-            samples: &self.samples,
-        }
-    }
-}
-
-/// What one search found.
-#[derive(Debug, Clone, Copy)]
-pub struct Found {
-    /// The code.
-    pub code: DamageCode,
-    /// Its misfit (of the damage itself for [`Method::Hybrid`]), (m/s²)².
-    pub objective: f32,
-    /// Generations until the search ended.
-    pub generations: u32,
-    /// Generation in which the code appeared.
-    pub best_since: u32,
-    /// Forward solves that the search asked for.
-    pub forward_solves: u32,
-    /// Time, s; a code that was solved before, for another seed too, is looked up.
-    pub seconds: f64,
-}
-
-/// Misfits of the codes of one case that are known already.
-pub type Known = Mutex<HashMap<DamageCode, f32>>;
-
-/// Forward solves that the small genetic search may take when it is alone.
-const MICRO_BUDGET: u32 = 4000;
-
-/// Runs one search. `limit`, (m/s²)², ends the genetic searches.
-pub fn run(problem: &Problem<'_>, method: Method, seed: u64, limit: f32, known: &Known) -> Result<Found> {
-    let start = Instant::now();
-    let rng = Xoshiro128PlusPlus::seed_from_u64(seed);
-    let mut found = match method {
-        Method::PaperGa => search(problem, PaperGa::new(rng, limit), known)?,
-        Method::MicroGa => search(problem, MicroGa::new(rng, limit, MICRO_BUDGET), known)?,
-        Method::Hybrid => {
-            let mut hybrid = Hybrid::new(seed);
-            let found = loop {
-                if let Some(found) = hybrid.advance(problem)? {
-                    break found;
-                }
-            };
-            Found {
-                code: found.code,
-                objective: found.objective,
-                generations: found.generations,
-                best_since: found.generations,
-                forward_solves: found.forward_solves,
-                seconds: 0.0,
-            }
-        }
-    };
-    found.seconds = start.elapsed().as_secs_f64();
-    Ok(found)
-}
-
-fn search(problem: &Problem<'_>, mut search: impl CodeSearch, known: &Known) -> Result<Found> {
-    // A code that comes again is not solved again, but counts: the search on its own would have to.
-    let mut forward_solves = 0;
-    while let Some(code) = search.ask() {
-        let before = known.lock().unwrap_or_else(PoisonError::into_inner).get(&code).copied();
-        let misfit = match before {
-            Some(misfit) => misfit,
-            None => problem.misfit(&code.damage())?,
-        };
-        if before.is_none() {
-            known
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .insert(code, misfit);
-        }
-        forward_solves += 1;
-        search.tell(misfit);
-    }
-    let (code, objective) = search.best();
-    Ok(Found {
-        code,
-        objective,
-        generations: search.generations(),
-        best_since: search.best_since(),
-        forward_solves,
-        seconds: 0.0,
-    })
-}
-
 /// What is to be evaluated.
 #[derive(Debug, Clone)]
 pub struct Plan {
@@ -319,6 +154,8 @@ pub struct Row {
     pub nearest_objective: f32,
     /// One search a seed.
     pub found: Vec<Found>,
+    /// How long each took, s; a code that was solved before, for another seed too, is looked up.
+    pub seconds: Vec<f64>,
 }
 
 impl Row {
@@ -341,10 +178,13 @@ impl Row {
 
     /// Median and worst of a number over the seeds.
     fn spread<N: Copy + PartialOrd>(&self, of: impl Fn(&Found) -> N) -> Option<(N, N)> {
-        let mut values: Vec<N> = self.found.iter().map(of).collect();
-        values.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
-        Some((*values.get(values.len() / 2)?, *values.last()?))
+        median_and_worst(self.found.iter().map(of).collect())
     }
+}
+
+fn median_and_worst<N: Copy + PartialOrd>(mut values: Vec<N>) -> Option<(N, N)> {
+    values.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+    Some((*values.get(values.len() / 2)?, *values.last()?))
 }
 
 /// Runs a plan on all processors, rows in the order of methods and cases. `done` is called after every search.
@@ -353,14 +193,19 @@ pub fn paper(bridge: &ReducedBridge<f32>, plan: &Plan, done: &(dyn Fn() + Sync))
         bail!("nothing to evaluate: give at least one case, one method and one seed");
     }
     let recordings = (plan.cases.iter())
-        .map(|case| Ok((Recording::of(bridge, case, plan.signal)?, Known::default())))
+        .map(|case| {
+            Ok((
+                Observed::simulated(bridge, &case.scenario(plan.signal))?,
+                Known::default(),
+            ))
+        })
         .collect::<Result<Vec<_>>>()?;
     let jobs: Vec<(usize, Method, u64)> = (plan.methods.iter())
         .flat_map(|&method| (0..plan.cases.len()).map(move |case| (case, method)))
         .flat_map(|(case, method)| (1..=u64::from(plan.seeds)).map(move |seed| (case, method, seed)))
         .collect();
     let next = AtomicUsize::new(0);
-    let work = || -> Result<Vec<(usize, Found)>> {
+    let work = || -> Result<Vec<(usize, (Found, f64))>> {
         let mut results = vec![];
         loop {
             let job = next.fetch_add(1, Ordering::Relaxed);
@@ -368,8 +213,9 @@ pub fn paper(bridge: &ReducedBridge<f32>, plan: &Plan, done: &(dyn Fn() + Sync))
                 return Ok(results);
             };
             let (recording, known) = &recordings[case];
-            let found = run(&recording.problem(), method, seed, plan.limit, known)?;
-            results.push((job, found));
+            let start = Instant::now();
+            let found = search(&recording.problem(), method, seed, plan.limit, known, &mut |_| ())?;
+            results.push((job, (found, start.elapsed().as_secs_f64())));
             done();
         }
     };
@@ -393,7 +239,8 @@ pub fn paper(bridge: &ReducedBridge<f32>, plan: &Plan, done: &(dyn Fn() + Sync))
             case,
             method,
             nearest_objective: recordings[index].0.problem().misfit(&case.code().damage())?,
-            found: found.iter().map(|(_, found)| *found).collect(),
+            found: found.iter().map(|(_, (found, _))| *found).collect(),
+            seconds: found.iter().map(|(_, (_, seconds))| *seconds).collect(),
         });
     }
     Ok(rows)
@@ -453,8 +300,7 @@ pub fn table(rows: &[Row]) -> String {
                 pair(row.spread(|found| found.forward_solves)),
                 objective.map_or_else(String::new, |(m, _)| format!("{m:.1e}")),
                 format!("{:.1e}", row.nearest_objective),
-                row.spread(|found| found.seconds)
-                    .map_or_else(String::new, |(m, _)| format!("{m:.1}")),
+                median_and_worst(row.seconds.clone()).map_or_else(String::new, |(m, _)| format!("{m:.1}")),
             ]);
         }
         let widths: Vec<usize> = (0..heads.len())
@@ -503,7 +349,7 @@ pub fn json(rows: &[Row]) -> serde_json::Value {
             "paper_generations": row.case.paper_generations,
             "forward_solves": spread(|found| found.forward_solves),
             "objective": row.spread(|found| found.objective).map(|(median, _)| median),
-            "seconds": row.spread(|found| found.seconds).map(|(median, _)| median),
+            "seconds": median_and_worst(row.seconds.clone()).map(|(median, _)| median),
         })
     };
     rows.iter().map(row).collect()

@@ -1,50 +1,158 @@
-//! Identification of a whole recording on this computer, without a logger's trigger and memory.
+//! Searching a passage on this computer, without a logger's trigger and memory: a recording's or a simulated one.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::identify::refine::Stop;
-use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, PaperGa, Problem, paper_ga};
-use spanwatch::interaction::Observation;
+use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Problem};
+use spanwatch::interaction::{Observation, Run};
+use spanwatch::train::Train;
 
 use crate::replay::Prepared;
-use crate::terminal;
+use crate::simulate::{Scenario, simulate};
+
+/// Forward solves that the small genetic search may take when it is alone.
+const MICRO_BUDGET: u32 = 4000;
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// The paper's genetic algorithm.
     PaperGa,
-    /// The logger's own search: a small genetic search, then Gauss-Newton.
+    /// The logger's small genetic search alone.
+    MicroGa,
+    /// The logger's own search: the small genetic search, then Gauss-Newton.
     Hybrid,
 }
 
+impl Method {
+    /// As it is called on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PaperGa => "paper-ga",
+            Self::MicroGa => "micro-ga",
+            Self::Hybrid => "hybrid",
+        }
+    }
+}
+
 /// What a search found.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {
     /// Fraction of bending stiffness lost by each element.
     pub damage: Damage<f32>,
-    /// Standard deviation of each; the paper's search gives none.
+    /// Standard deviation of each; a genetic search alone gives none.
     pub std: Option<Damage<f32>>,
     /// The damage to the nearest 10 %.
     pub code: DamageCode,
-    /// Misfit, (m/s²)².
+    /// Misfit, (m/s²)²: of the damage itself for [`Method::Hybrid`], else of the code.
     pub objective: f32,
-    /// Forward solves.
+    /// Forward solves that the search asked for.
     pub forward_solves: u32,
-    /// Generations of the genetic search.
+    /// Generations until the search ended.
     pub generations: u32,
+    /// Generation in which the code appeared.
+    pub best_since: u32,
     /// Whether the search reached its goal, not just the end of its budget.
     pub converged: bool,
-    /// Elements that are damaged beyond doubt, bit `e` for element `e` from 0.
+    /// Elements that are damaged beyond doubt, bit `e` for element `e` from 0; none by a genetic search alone.
     pub certain: u16,
-    /// Whether any damage explains the recording.
-    pub explained: bool,
+    /// Whether any damage explains the passage; not asked by a genetic search alone.
+    pub explained: Option<bool>,
 }
 
-/// A recording as a search sees it.
-pub struct Case {
+/// Misfits of the codes of one passage that are known already.
+pub type Known = Mutex<HashMap<DamageCode, f32>>;
+
+/// Searches. `limit`, (m/s²)², ends the genetic searches; `step` hears the generation before every forward solve.
+pub fn search(
+    problem: &Problem<'_>,
+    method: Method,
+    seed: u64,
+    limit: f32,
+    known: &Known,
+    step: &mut dyn FnMut(u32),
+) -> Result<Found> {
+    let rng = Xoshiro128PlusPlus::seed_from_u64(seed);
+    match method {
+        Method::PaperGa => {
+            let mut search = PaperGa::new(rng, limit);
+            let found = run(problem, &mut search, known, step)?;
+            Ok(Found {
+                converged: search.converged(),
+                ..found
+            })
+        }
+        Method::MicroGa => {
+            let mut search = MicroGa::new(rng, limit, MICRO_BUDGET);
+            let found = run(problem, &mut search, known, step)?;
+            Ok(Found {
+                converged: search.converged(),
+                ..found
+            })
+        }
+        Method::Hybrid => {
+            let mut search = Hybrid::new(seed);
+            let found = loop {
+                step(0);
+                if let Some(found) = search.advance(problem)? {
+                    break found;
+                }
+            };
+            Ok(Found {
+                damage: found.damage,
+                std: Some(found.std),
+                code: found.code,
+                objective: found.objective,
+                forward_solves: found.forward_solves,
+                generations: found.generations,
+                best_since: found.generations,
+                converged: found.stop != Stop::Budget,
+                certain: found.certain(),
+                explained: Some(found.explained()),
+            })
+        }
+    }
+}
+
+/// Runs a genetic search to its end.
+fn run(problem: &Problem<'_>, search: &mut impl CodeSearch, known: &Known, step: &mut dyn FnMut(u32)) -> Result<Found> {
+    let known = || known.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut forward_solves = 0;
+    while let Some(code) = search.ask() {
+        step(search.generations());
+        // A code that comes again is not solved again, but counts: the search on its own would have to.
+        let before = known().get(&code).copied();
+        let misfit = match before {
+            Some(misfit) => misfit,
+            None => problem.misfit(&code.damage())?,
+        };
+        known().insert(code, misfit);
+        forward_solves += 1;
+        search.tell(misfit);
+    }
+    let (code, objective) = search.best();
+    Ok(Found {
+        damage: code.damage(),
+        std: None,
+        code,
+        objective,
+        forward_solves,
+        generations: search.generations(),
+        best_since: search.best_since(),
+        converged: false,
+        certain: 0,
+        explained: None,
+    })
+}
+
+/// A passage as a search sees it.
+#[derive(Debug, Clone)]
+pub struct Observed {
     /// The bridge.
     pub bridge: ReducedBridge<f32>,
     /// Train, sensors and recorder.
@@ -53,12 +161,46 @@ pub struct Case {
     pub samples: Vec<f32>,
 }
 
-impl Case {
+impl Observed {
+    /// A simulated passage, solved in `f64`.
+    pub fn simulated(bridge: &ReducedBridge<f32>, scenario: &Scenario) -> Result<Self> {
+        let passage = simulate(&bridge.cast(), scenario)?;
+        let train = Train::of_kind(scenario.train, scenario.cars)
+            .with_context(|| format!("there is no train of {} cars", scenario.cars))?;
+        let interval_s = scenario.sample_interval_s();
+        let places = (scenario.nodes.iter())
+            .map(|&node| {
+                bridge
+                    .sensor_at(node)
+                    .with_context(|| format!("the bridge has no node {node}"))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            bridge: bridge.clone(),
+            observation: Observation {
+                train,
+                run: Run {
+                    speed_mps: (scenario.speed_kmh / 3.6) as f32,
+                    entry_time_s: scenario.lead_s as f32,
+                    load_factor: scenario.load_factor as f32,
+                    kinematics: scenario.kinematics,
+                },
+                places,
+                sample_rate_hz: interval_s.recip() as f32,
+                steps_per_sample: (interval_s / scenario.step_s).round() as u32,
+                antialias_hz: scenario.antialias_hz.map(|hz| hz as f32),
+            },
+            samples: (0..passage.channels[0].len())
+                .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
+                .collect(),
+        })
+    }
+
     /// The whole of a recording.
     ///
     /// # Errors
-    /// The recording does not say which bridge, which train, how fast and when.
-    pub fn of(prepared: &Prepared) -> Result<Self> {
+    /// The recording does not say which bridge, which train, how fast and when, or ends before the train has left.
+    pub fn recorded(prepared: &Prepared) -> Result<Self> {
         let name = prepared.path.display();
         let missing = prepared.missing_keys();
         if !missing.is_empty() {
@@ -108,62 +250,6 @@ impl Case {
             observation: &self.observation,
             samples: &self.samples,
         }
-    }
-
-    /// Searches.
-    pub fn identify(&self, method: Method, seed: u64) -> Result<Found> {
-        let problem = self.problem();
-        match method {
-            Method::Hybrid => self.hybrid(&problem, seed),
-            Method::PaperGa => self.paper_ga(&problem, seed),
-        }
-    }
-
-    fn hybrid(&self, problem: &Problem<'_>, seed: u64) -> Result<Found> {
-        let mut search = Hybrid::new(seed);
-        let bar = terminal::progress(0, "searching");
-        let found = loop {
-            if let Some(found) = search.advance(problem)? {
-                break found;
-            }
-            bar.tick();
-        };
-        bar.finish_and_clear();
-        Ok(Found {
-            damage: found.damage,
-            std: Some(found.std),
-            code: found.code,
-            objective: found.objective,
-            forward_solves: found.forward_solves,
-            generations: found.generations,
-            converged: found.stop != Stop::Budget,
-            certain: found.certain(),
-            explained: found.explained(),
-        })
-    }
-
-    fn paper_ga(&self, problem: &Problem<'_>, seed: u64) -> Result<Found> {
-        let mut search = PaperGa::new(Xoshiro128PlusPlus::seed_from_u64(seed), paper_ga::LIMIT);
-        let bar = terminal::progress(u64::from(paper_ga::MAX_GENERATIONS), "generations");
-        let mut forward_solves = 0;
-        while let Some(code) = search.ask() {
-            search.tell(problem.misfit(&code.damage())?);
-            forward_solves += 1;
-            bar.set_position(search.generations().into());
-        }
-        bar.finish_and_clear();
-        let (code, objective) = search.best();
-        Ok(Found {
-            damage: code.damage(),
-            std: None,
-            code,
-            objective,
-            forward_solves,
-            generations: search.generations(),
-            converged: search.converged(),
-            certain: 0,
-            explained: true,
-        })
     }
 
     /// The passage simulated with `damage`, m/s², as many samples as were recorded, channel after channel.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::Args;
 use host_sim::channel::InProcess;
-use host_sim::identification::{Case, Method};
+use host_sim::identification::{Known, Method, Observed, search};
 use host_sim::picture::{self, DamageBars, History};
 use host_sim::replay::{self, Prepared, Told};
 use host_sim::station::{Station, store::Store, words};
@@ -106,15 +106,16 @@ fn unpack(out: &Path, shipped: &Shipped) -> Result<Prepared> {
 
 /// The passage measured and fitted, and the damage by element: the alert's, or without one what the same search finds.
 fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Alert>) -> Result<()> {
-    let case = Case::of(prepared)?;
+    let observed = Observed::recorded(prepared)?;
     let (damage, std) = match alert {
         Some(alert) => (fractions(&alert.damage_permille), fractions(&alert.std_permille)),
         None => {
-            let found = case.identify(Method::Hybrid, replay::DEFAULT_SEED)?;
+            let (problem, known) = (observed.problem(), Known::default());
+            let found = search(&problem, Method::Hybrid, replay::DEFAULT_SEED, 0.0, &known, &mut |_| ())?;
             (found.damage, found.std.unwrap_or_default())
         }
     };
-    let fitted = case.simulate(&damage)?;
+    let fitted = observed.simulate(&damage)?;
     let channels = &prepared.recording.channels;
     let of_channel = |values: &[f32], c: usize| -> Vec<f64> {
         values
@@ -133,7 +134,7 @@ fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Aler
         })
         .collect();
     let histories: Vec<(Vec<f64>, Vec<f64>)> = (0..channels.len())
-        .map(|c| (of_channel(&case.samples, c), of_channel(&fitted, c)))
+        .map(|c| (of_channel(&observed.samples, c), of_channel(&fitted, c)))
         .collect();
     let histories: Vec<History<'_>> = histories
         .iter()
@@ -146,7 +147,7 @@ fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Aler
             fitted,
         })
         .collect();
-    let elements = case.bridge.elements;
+    let elements = observed.bridge.elements;
     let [damage, std] = [damage, std].map(|values| values.map(f64::from));
     let mut truth = vec![0.0; elements];
     for &(element, loss) in shipped.truth {

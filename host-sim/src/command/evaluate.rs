@@ -2,7 +2,8 @@
 
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
-use host_sim::evaluate::{self, CASES_2DOF, Case, Method, Plan, Signal};
+use host_sim::evaluate::{self, CASES_2DOF, Case, Plan, Signal};
+use host_sim::identification::Method;
 use host_sim::{model, terminal};
 use spanwatch::identify::paper_ga;
 

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use host_sim::identification::{Case, Found, Method};
+use host_sim::identification::{Found, Known, Method, Observed, search};
 use host_sim::replay::{self, Prepared};
+use host_sim::terminal;
 use serde_json::json;
+use spanwatch::identify::paper_ga;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Search {
@@ -38,16 +40,25 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let prepared = replay::prepare(&arguments.recording, arguments.bridge.as_deref(), arguments.seed)?;
-    let case = Case::of(&prepared)?;
-    let method = match arguments.method {
-        Search::Hybrid => Method::Hybrid,
-        Search::PaperGa => Method::PaperGa,
+    let observed = Observed::recorded(&prepared)?;
+    let (method, length) = match arguments.method {
+        Search::Hybrid => (Method::Hybrid, 0),
+        Search::PaperGa => (Method::PaperGa, paper_ga::MAX_GENERATIONS),
     };
-    let found = case.identify(method, arguments.seed)?;
+    let bar = terminal::progress(length.into(), "searching");
+    let found = search(
+        &observed.problem(),
+        method,
+        arguments.seed,
+        paper_ga::LIMIT,
+        &Known::default(),
+        &mut |generation| bar.set_position(generation.into()),
+    )?;
+    bar.finish_and_clear();
     if arguments.json {
-        return super::print_json(&as_json(&found, &prepared, case.bridge.elements));
+        return super::print_json(&as_json(&found, &prepared, observed.bridge.elements));
     }
-    super::print(&in_words(&found, &case))
+    super::print(&in_words(&found, observed.bridge.elements))
 }
 
 fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::Value {
@@ -69,9 +80,9 @@ fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::V
     })
 }
 
-fn in_words(found: &Found, case: &Case) -> String {
+fn in_words(found: &Found, elements: usize) -> String {
     let mut text = String::from("element  loss of bending stiffness\n");
-    for e in 0..case.bridge.elements {
+    for e in 0..elements {
         let _ = write!(text, "{:>7}  {:5.1} %", e + 1, 100.0 * found.damage[e]);
         if let Some(std) = &found.std {
             let _ = write!(text, "  ± {:4.1} %", 200.0 * std[e]);
@@ -84,7 +95,7 @@ fn in_words(found: &Found, case: &Case) -> String {
     if found.std.is_some() {
         text.push_str("The ranges hold two standard deviations.\n");
     }
-    if !found.explained {
+    if found.explained == Some(false) {
         text.push_str(
             "No damage explains this recording: check train, speed and entry time before you believe the table.\n",
         );
