@@ -10,6 +10,7 @@ use rand_core::Rng;
 
 use super::CodeSearch;
 use super::code::{DamageCode, GENE_MAX};
+use super::population::{Individual, Population};
 use super::random::{below, chance};
 
 use crate::capacity::ELEMENTS;
@@ -27,12 +28,7 @@ const SHIFT: f32 = 0.3;
 #[derive(Debug, Clone)]
 pub struct MicroGa<R: Rng> {
     rng: R,
-    population: [(DamageCode, f32); POPULATION],
-    cursor: usize,
-    generation: u32,
-    best: (DamageCode, f32),
-    /// Generation in which the best appeared.
-    best_since: u32,
+    population: Population<POPULATION>,
     /// Generations since the last improvement.
     stale: u32,
     restarts: u32,
@@ -46,21 +42,13 @@ impl<R: Rng> MicroGa<R> {
     ///
     /// The first population holds the undamaged bridge and strangers.
     pub fn new(mut rng: R, limit: f32, budget: u32) -> Self {
-        let population = core::array::from_fn(|i| {
-            let code = if i == 0 {
-                DamageCode::default()
-            } else {
-                stranger(&mut rng)
-            };
-            (code, f32::INFINITY)
-        });
+        let population = Population::new(core::array::from_fn(|i| match i {
+            0 => DamageCode::default(),
+            _ => stranger(&mut rng),
+        }));
         Self {
             rng,
             population,
-            cursor: 0,
-            generation: 1,
-            best: (DamageCode::default(), f32::INFINITY),
-            best_since: 1,
             stale: 0,
             restarts: 0,
             limit,
@@ -71,18 +59,15 @@ impl<R: Rng> MicroGa<R> {
 
     /// Whether the misfit fell below the limit.
     pub fn converged(&self) -> bool {
-        self.best.1 < self.limit
+        self.population.best().1 < self.limit
     }
 
     /// Begins again among strangers only, without the best so far, for `solves` more.
     pub fn begin_again(&mut self, solves: u32) {
         self.budget = self.budget.saturating_add(solves);
-        self.population = core::array::from_fn(|_| (stranger(&mut self.rng), f32::INFINITY));
-        self.best = (DamageCode::default(), f32::INFINITY);
-        self.cursor = 0;
+        self.population
+            .begin_again(core::array::from_fn(|_| stranger(&mut self.rng)));
         self.stale = 0;
-        self.generation += 1;
-        self.best_since = self.generation;
         self.restarts += 1;
     }
 
@@ -92,29 +77,26 @@ impl<R: Rng> MicroGa<R> {
     }
 
     fn breed(&mut self) {
-        let parents = self.population;
+        let parents = self.population.individuals();
         self.stale += 1;
         let fresh = self.stale > PATIENCE;
         if fresh {
             self.stale = 0;
             self.restarts += 1;
         }
-        for i in 1..POPULATION {
-            let child = if fresh {
-                stranger(&mut self.rng)
-            } else {
+        let children = core::array::from_fn(|i| match i {
+            // Gives way to the best.
+            0 => DamageCode::default(),
+            _ if fresh => stranger(&mut self.rng),
+            _ => {
                 let (mother, father) = (self.tournament(&parents), self.tournament(&parents));
                 self.child(mother, father)
-            };
-            self.population[i] = (child, f32::INFINITY);
-        }
-        self.population[0] = self.best;
-        // The elite need not be judged again.
-        self.cursor = 1;
-        self.generation += 1;
+            }
+        });
+        self.population.succeed(children);
     }
 
-    fn tournament(&mut self, parents: &[(DamageCode, f32); POPULATION]) -> DamageCode {
+    fn tournament(&mut self, parents: &[Individual; POPULATION]) -> DamageCode {
         let [a, b] = [0, 1].map(|_| parents[below(&mut self.rng, POPULATION)]);
         if a.1 <= b.1 { a.0 } else { b.0 }
     }
@@ -153,35 +135,28 @@ impl<R: Rng> CodeSearch for MicroGa<R> {
         if self.converged() || self.solves >= self.budget {
             return None;
         }
-        if self.cursor == POPULATION {
+        if self.population.next().is_none() {
             self.breed();
         }
-        self.population.get(self.cursor).map(|(code, _)| *code)
+        self.population.next()
     }
 
     fn tell(&mut self, misfit: f32) {
-        let Some(individual) = self.population.get_mut(self.cursor) else {
-            return;
-        };
-        individual.1 = misfit;
-        if misfit < self.best.1 {
-            self.best = *individual;
-            self.best_since = self.generation;
+        if self.population.judge(misfit) {
             self.stale = 0;
         }
-        self.cursor += 1;
         self.solves += 1;
     }
 
     fn best(&self) -> (DamageCode, f32) {
-        self.best
+        self.population.best()
     }
 
     fn generations(&self) -> u32 {
-        self.generation
+        self.population.generation()
     }
 
     fn best_since(&self) -> u32 {
-        self.best_since
+        self.population.best_since()
     }
 }

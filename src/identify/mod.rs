@@ -11,6 +11,7 @@ pub mod hybrid;
 pub mod micro_ga;
 pub mod objective;
 pub mod paper_ga;
+mod population;
 mod random;
 pub mod refine;
 

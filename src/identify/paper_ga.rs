@@ -23,6 +23,7 @@ use rand_core::Rng;
 
 use super::CodeSearch;
 use super::code::{CODE_BITS, DamageCode, GENE_MAX};
+use super::population::Population;
 use super::random::{below, chance, unit};
 use crate::capacity::ELEMENTS;
 
@@ -41,38 +42,25 @@ pub const MAX_GENERATIONS: u32 = 1000;
 #[derive(Debug, Clone)]
 pub struct PaperGa<R: Rng> {
     rng: R,
-    population: [(DamageCode, f32); POPULATION],
-    /// The individual that is being judged.
-    cursor: usize,
-    generation: u32,
-    best: (DamageCode, f32),
-    /// Generation in which the best appeared.
-    best_since: u32,
+    population: Population<POPULATION>,
     limit: f32,
 }
 
 impl<R: Rng> PaperGa<R> {
     /// A search with a random first population that ends at a misfit below `limit`, (m/s²)².
     pub fn new(mut rng: R, limit: f32) -> Self {
-        let population = core::array::from_fn(|_| (DamageCode::from_bits(rng.next_u32()), f32::INFINITY));
-        Self {
-            rng,
-            population,
-            cursor: 0,
-            generation: 1,
-            best: (DamageCode::default(), f32::INFINITY),
-            best_since: 1,
-            limit,
-        }
+        let population = Population::new(core::array::from_fn(|_| DamageCode::from_bits(rng.next_u32())));
+        Self { rng, population, limit }
     }
 
     /// Whether the search ended because the misfit fell below its limit.
     pub fn converged(&self) -> bool {
-        self.best.1 < self.limit
+        self.population.best().1 < self.limit
     }
 
     fn breed(&mut self) {
-        let parents = self.population;
+        let parents = self.population.individuals();
+        let mut next = [DamageCode::default(); POPULATION];
         let fitness = parents.map(|(_, misfit)| 1.0 / misfit.max(f32::MIN_POSITIVE));
         let total: f32 = fitness.iter().sum();
         for pair in 0..POPULATION / 2 {
@@ -82,12 +70,10 @@ impl<R: Rng> PaperGa<R> {
                 children = swap_between(children, cuts);
             }
             for (i, child) in children.into_iter().enumerate() {
-                self.population[2 * pair + i] = (mutate(child, &mut self.rng), f32::INFINITY);
+                next[2 * pair + i] = mutate(child, &mut self.rng);
             }
         }
-        self.population[0] = self.best;
-        self.cursor = 0;
-        self.generation += 1;
+        self.population.succeed(next);
     }
 
     /// Roulette: an index drawn with a chance in proportion to its fitness.
@@ -128,36 +114,28 @@ impl<R: Rng> CodeSearch for PaperGa<R> {
         if self.converged() {
             return None;
         }
-        if self.cursor == POPULATION {
-            if self.generation == MAX_GENERATIONS {
+        if self.population.next().is_none() {
+            if self.population.generation() == MAX_GENERATIONS {
                 return None;
             }
             self.breed();
         }
-        self.population.get(self.cursor).map(|(code, _)| *code)
+        self.population.next()
     }
 
     fn tell(&mut self, misfit: f32) {
-        let Some(individual) = self.population.get_mut(self.cursor) else {
-            return;
-        };
-        individual.1 = misfit;
-        if misfit < self.best.1 {
-            self.best = *individual;
-            self.best_since = self.generation;
-        }
-        self.cursor += 1;
+        self.population.judge(misfit);
     }
 
     fn best(&self) -> (DamageCode, f32) {
-        self.best
+        self.population.best()
     }
 
     fn generations(&self) -> u32 {
-        self.generation
+        self.population.generation()
     }
 
     fn best_since(&self) -> u32 {
-        self.best_since
+        self.population.best_since()
     }
 }
