@@ -93,7 +93,7 @@ impl<R: Rng> MicroGa<R> {
                 self.child(mother, father)
             }
         });
-        self.population.succeed(children);
+        self.population.succeed(children, false);
     }
 
     fn tournament(&mut self, parents: &[Individual; POPULATION]) -> DamageCode {

@@ -73,7 +73,8 @@ impl<R: Rng> PaperGa<R> {
                 next[2 * pair + i] = mutate(child, &mut self.rng);
             }
         }
-        self.population.succeed(next);
+        // As in the paper, a generation costs 50 solves.
+        self.population.succeed(next, true);
     }
 
     /// Roulette: an index drawn with a chance in proportion to its fitness.

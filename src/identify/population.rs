@@ -68,13 +68,14 @@ impl<const N: usize> Population<N> {
         better
     }
 
-    /// The next generation: `children`, the first of whom gives way to the best so far, which is not judged again.
-    pub fn succeed(&mut self, children: [DamageCode; N]) {
+    /// The next generation: `children`, the first of whom gives way to the best so far; with `again` that one is judged
+    /// once more.
+    pub fn succeed(&mut self, children: [DamageCode; N], again: bool) {
         self.individuals = children.map(|code| (code, f32::INFINITY));
         if let Some(first) = self.individuals.first_mut() {
             *first = self.best;
         }
-        self.cursor = 1;
+        self.cursor = if again { 0 } else { 1 };
         self.generation += 1;
     }
 
