@@ -3,7 +3,9 @@
 
 use std::path::Path;
 
+use host_sim::evaluate::{Case, Signal};
 use host_sim::replay::{self, Prepared};
+use host_sim::simulate::{Scenario, simulate};
 use spanwatch::logger::Logger;
 use spanwatch::wire::message::{Event, Reason, Verdict};
 
@@ -89,15 +91,19 @@ fn a_train_announced_for_another_time_is_not_this_one() {
 
 #[test]
 fn a_passage_during_an_identification_is_reported_and_the_one_after_is_identified() {
+    // The paper's case 1, with time for the free vibration to die away.
     let prepared = prepared("case1-60kmh.csv");
-    let mut counts = prepared.recording.to_counts();
-    let rows = counts.len() as u64;
-    // The free vibration dies away before the next train.
-    counts.extend((0..2000).map(|k| k % 3));
+    let scenario = Scenario {
+        tail_s: 10.0,
+        ..Case::numbered(1).expect("a case").scenario(Signal::Recorded)
+    };
+    let passage = simulate(prepared.bridge.as_ref().expect("a bridge"), &scenario).expect("simulates");
+    let channel = &prepared.recording.channels[0];
+    let counts: Vec<i32> = passage.channels[0].iter().map(|&value| channel.count(value)).collect();
     let mut logger = logger(&prepared);
     logger.push(0, &counts).expect("whole rows");
     assert!(logger.is_busy());
-    logger.push(rows + 2000, &counts).expect("whole rows");
+    logger.push(counts.len() as u64, &counts).expect("whole rows");
     let Some(Event::Passage(second)) = logger.next_event() else {
         panic!("the second passage")
     };
