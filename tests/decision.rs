@@ -94,7 +94,7 @@ fn a_passage_during_an_identification_is_reported_and_the_one_after_is_identifie
     // The paper's case 1, with time for the free vibration to die away.
     let prepared = prepared("case1-60kmh.csv");
     let scenario = Scenario {
-        tail_s: 10.0,
+        tail_s: 20.0,
         ..Case::numbered(1).expect("a case").scenario(Signal::Recorded)
     };
     let passage = simulate(prepared.bridge.as_ref().expect("a bridge"), &scenario).expect("simulates");
