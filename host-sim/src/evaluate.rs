@@ -139,7 +139,7 @@ pub struct Plan {
     pub seeds: u32,
     /// What is searched.
     pub signal: Signal,
-    /// Limit of the misfit that ends the genetic searches, (m/s²)².
+    /// Limit of the misfit that ends the paper's search, (m/s²)².
     pub limit: f32,
 }
 

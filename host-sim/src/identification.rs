@@ -68,7 +68,7 @@ pub struct Found {
 /// Misfits of the codes of one passage that are known already.
 pub type Known = Mutex<HashMap<DamageCode, f32>>;
 
-/// Searches. `limit`, (m/s²)², ends the genetic searches; `step` hears the generation before every forward solve.
+/// Searches. A misfit below `limit`, (m/s²)², ends the paper's search; `step` hears the generation before every forward solve.
 pub fn search(
     problem: &Problem<'_>,
     method: Method,
@@ -88,12 +88,8 @@ pub fn search(
             })
         }
         Method::MicroGa => {
-            let mut search = MicroGa::new(rng, limit, MICRO_BUDGET);
-            let found = run(problem, &mut search, known, step)?;
-            Ok(Found {
-                converged: search.converged(),
-                ..found
-            })
+            let mut search = MicroGa::new(rng, 0.0, MICRO_BUDGET);
+            run(problem, &mut search, known, step)
         }
         Method::Hybrid => {
             let mut search = Hybrid::new(seed);

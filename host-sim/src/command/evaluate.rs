@@ -33,7 +33,7 @@ pub(super) struct Paper {
     /// Search the solution at every step of 1 ms, as the paper, and not what a recorder keeps of it
     #[arg(long)]
     raw: bool,
-    /// Misfit that ends a genetic search, (m/s2)2; the paper's 1e-6 is 1e-10 if meant in gal2, its accelerations' unit
+    /// Misfit that ends paper-ga, (m/s2)2; 0: all 1000 generations
     #[arg(long, default_value_t = paper_ga::LIMIT)]
     limit: f32,
     /// Print one JSON array in place of the tables
