@@ -18,7 +18,7 @@ use crate::capacity::{CARS, CHANNELS};
 use crate::identify::{Hybrid, Identification, Problem};
 use crate::interaction::{Kinematics, Observation, Run, SetupError};
 use crate::math::level_db;
-use crate::passage::stream::UnevenBlock;
+use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::train::Train;
@@ -26,12 +26,23 @@ use crate::wire::message::{Alert, Configuration, Event, PassageReport, Quality, 
 
 /// Longest step of the solver, s. At 1 ms Newmark's error in the recorder's band is below 1 % (40 Hz, 8 modes).
 const LONGEST_STEP_S: f32 = 1e-3;
+/// Most solver steps in one slice of work, in which nothing else is done: a linearisation takes a step for each element and
+/// one more for each step of the passage. At 25 MHz and two clocks an instruction they take less than the board's watchdog
+/// allows (`src/bin/logger.rs`). 36 s of passage, a 16-car train at 50 km/h; a longer one is not identified.
+const SLICE_STEPS: u64 = 400_000;
 /// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
 const BAD_SAMPLES: f32 = 0.05;
 /// Events that wait for [`Logger::next_event`]: all that one block of samples or one slice of work can cause.
 const EVENTS: usize = 8;
 /// Fastest sampling that makes sense, Hz.
 const HIGHEST_RATE_HZ: f32 = 100_000.0;
+/// Fewest samples in the trigger's window: with less one sample could be all of its level.
+const WINDOW_SAMPLES: f32 = 8.0;
+/// Longest time of the trigger that makes sense, s; its largest ratio; and the accelerations between which a count or a quiet
+/// level can lie, m/s².
+const LONGEST_TRIGGER_S: f32 = 300.0;
+const LARGEST_RATIO: f32 = 1000.0;
+const ACCELERATIONS_MPS2: core::ops::RangeInclusive<f32> = 1e-9..=1e3;
 /// Fastest train that makes sense, m/s.
 const HIGHEST_SPEED_MPS: f32 = 200.0;
 
@@ -45,7 +56,8 @@ pub enum ConfigurationError {
     Channels,
     /// A channel's count stands for no acceleration, or its range is empty.
     Scale,
-    /// A time, ratio or level of the trigger is not positive, or it ends above where it begins.
+    /// A time, ratio or level of the trigger is not positive or absurd, it ends above where it begins, or its window holds too
+    /// few samples.
     Trigger,
     /// The anti-alias filter's cut-off is not positive.
     Antialias,
@@ -60,7 +72,8 @@ impl fmt::Display for ConfigurationError {
             Self::Channels => "there must be at least one channel",
             Self::Scale => "each channel needs a positive acceleration per count and a positive full scale",
             Self::Trigger => {
-                "the trigger's times, ratios and floor must be positive, on_ratio above 1 and off_ratio not above it"
+                "the trigger's times (up to 300 s), ratios (up to 1000) and floor must be positive, on_ratio above 1, off_ratio \
+                 not above it, and its window must hold 8 samples at least: record faster"
             }
             Self::Antialias => "the anti-alias filter's cut-off must be positive",
             Self::Traffic => {
@@ -85,7 +98,7 @@ impl Configuration {
         if !self
             .channels
             .iter()
-            .all(|c| positive(c.lsb_mps2) && c.full_scale_counts > 0)
+            .all(|c| ACCELERATIONS_MPS2.contains(&c.lsb_mps2) && c.full_scale_counts > 0)
         {
             return Err(ConfigurationError::Scale);
         }
@@ -98,10 +111,17 @@ impl Configuration {
             floor_mps2,
             lead_s,
         } = self.trigger;
-        let all_positive = [window_s, on_duration_s, off_ratio, off_duration_s, floor_mps2]
+        let believable = [window_s, on_duration_s, off_duration_s]
             .into_iter()
-            .all(positive);
-        if !all_positive || !positive(on_ratio - 1.0) || off_ratio > on_ratio || !(0.0..=60.0).contains(&lead_s) {
+            .all(|time| positive(time) && time <= LONGEST_TRIGGER_S)
+            && (0.0..=LONGEST_TRIGGER_S).contains(&lead_s)
+            && on_ratio > 1.0
+            && on_ratio <= LARGEST_RATIO
+            && positive(off_ratio)
+            && off_ratio <= on_ratio
+            && ACCELERATIONS_MPS2.contains(&floor_mps2)
+            && window_s * self.sample_rate_hz >= WINDOW_SAMPLES;
+        if !believable {
             return Err(ConfigurationError::Trigger);
         }
         if self.antialias_hz.is_some_and(|hz| !positive(hz)) {
@@ -212,15 +232,13 @@ impl Logger {
 
     /// Takes another bridge model; an identification in progress is dropped with the old one.
     pub fn load(&mut self, bridge: ReducedBridge<f32>) {
+        self.end_work(Verdict::NotIdentified(Reason::NoModel));
         self.bridge = Slot::Full(bridge);
-        if let Some(work) = self.work.take() {
-            self.report(work.report, Verdict::NotIdentified(Reason::NoModel));
-        }
     }
 
     /// Takes a block of raw counts, channel after channel within a sample, that begins at sample `first_sample` of the
-    /// stream. A jump in the index is a gap; what came before is passed over.
-    pub fn push(&mut self, first_sample: u64, counts: &[i32]) -> Result<(), UnevenBlock> {
+    /// stream. A jump in the index is a gap; the last block once more is passed over.
+    pub fn push(&mut self, first_sample: u64, counts: &[i32]) -> Result<(), BlockError> {
         self.stream.push(first_sample, counts)?;
         self.take_passages();
         Ok(())
@@ -339,13 +357,17 @@ impl Logger {
             Kept::Busy => return Err(Reason::Busy),
         }
         let samples = self.stream.passage_samples();
+        let rows = samples.len() / configuration.channels.len().max(1);
+        if rows as u64 * u64::from(configuration.steps_per_sample()) * (bridge.elements as u64 + 1) > SLICE_STEPS {
+            return Err(Reason::TooLong);
+        }
         if passage.quality.total() as f32 > BAD_SAMPLES * samples.len() as f32 {
             return Err(Reason::BadQuality);
         }
         let observation = configuration
             .observe(traffic, bridge, passage.first_sample)
             .map_err(Reason::Setup)?;
-        let duration_s = (samples.len() / configuration.channels.len().max(1)) as f32 / configuration.sample_rate_hz;
+        let duration_s = rows as f32 / configuration.sample_rate_hz;
         if !(0.0..duration_s).contains(&observation.run.entry_time_s) {
             return Err(Reason::NotThisTrain);
         }

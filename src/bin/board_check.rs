@@ -1,5 +1,5 @@
 //! A second image for the same board, which does to it on purpose what must not happen in the field, so that a test can
-//! see that the board reports it and starts again. `host-sim/tests/board.rs` talks to it.
+//! see that the board reports it and starts again. `tests/board.rs` talks to it.
 //!
 //! Bytes below 0x80 are sent back. The others are orders:
 //!

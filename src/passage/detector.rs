@@ -91,11 +91,6 @@ impl Thresholds {
         self.on_samples
     }
 
-    /// Samples that a motion must be quiet for to end.
-    pub fn off_samples(&self) -> u32 {
-        self.off_samples
-    }
-
     /// Square of the ratio below which a motion may end.
     pub fn off_squared(&self) -> f32 {
         self.off_squared
@@ -175,9 +170,9 @@ impl Detector {
                 true => f32::INFINITY,
                 false => math::sqrt(CLICK * thresholds.window * thresholds.on_squared * reference),
             };
-            if !x.is_nan() {
-                levels.push(thresholds, x, limit, at_rest, self.learnt);
-            }
+            // A channel that says nothing does not move: its level dies away.
+            let x = if x.is_nan() { levels.drift } else { x };
+            levels.push(thresholds, x, limit, at_rest, self.learnt);
             ratio_squared = ratio_squared.max(levels.level_squared / reference);
         }
         if self.moving {
@@ -216,7 +211,7 @@ impl Levels {
     fn push(&mut self, thresholds: &Thresholds, x: f32, limit: f32, at_rest: bool, learnt: u32) {
         // A plain mean until the exponential one has seen enough.
         let weight = |samples: f32| samples.min(learnt as f32).recip();
-        let within = |deviation: f32| deviation.clamp(-limit, limit);
+        let within = |deviation: f32| deviation.min(limit).max(-limit);
         let deviation = within(x - self.drift);
         self.drift += weight(thresholds.drift) * deviation;
         let square = (x - self.drift) * (x - self.drift);

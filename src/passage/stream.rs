@@ -13,9 +13,14 @@ use crate::wire::message::{Channel, Configuration, Quality};
 /// Passages that may end within one block.
 const ENDED: usize = 4;
 
-/// The samples do not make whole rows of the configured channels.
+/// Why a block of samples is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct UnevenBlock;
+pub enum BlockError {
+    /// It does not make whole samples of the configured channels, or there are none.
+    Uneven,
+    /// It lies before samples that have come, and is not the last block once more: the sender has lost count.
+    Past,
+}
 
 /// A passage that has begun.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +41,8 @@ pub struct Stream {
     thresholds: Thresholds,
     lead_samples: usize,
     stuck_run: u32,
+    /// Samples that may be missing within a passage: one second.
+    longest_gap: u64,
     /// Index of the next sample; none before the first.
     next: Option<u64>,
     taken: u64,
@@ -59,6 +66,7 @@ impl Stream {
             thresholds: Thresholds::NONE,
             lead_samples: 0,
             stuck_run: 0,
+            longest_gap: 0,
             next: None,
             taken: 0,
             conditioners: [Conditioner::NEW; CHANNELS],
@@ -80,6 +88,7 @@ impl Stream {
         self.thresholds = Thresholds::new(&configuration.trigger, rate);
         self.lead_samples = lead.min(LEAD_VALUES / self.channels.len().max(1));
         self.stuck_run = stuck_run(rate);
+        self.longest_gap = rate as u64;
         self.next = None;
         self.taken = 0;
         self.conditioners = [Conditioner::NEW; CHANNELS];
@@ -118,15 +127,19 @@ impl Stream {
     }
 
     /// Takes a block of counts, channel after channel within a sample, of which the first sample has index
-    /// `first_sample` in the stream. Samples that came before are passed over, so a block may be sent twice.
-    pub fn push(&mut self, first_sample: u64, counts: &[i32]) -> Result<(), UnevenBlock> {
+    /// `first_sample` in the stream. The last block may come twice: samples that have come are passed over.
+    pub fn push(&mut self, first_sample: u64, counts: &[i32]) -> Result<(), BlockError> {
         let channels = self.channels.len();
         if channels == 0 || !counts.len().is_multiple_of(channels) {
-            return Err(UnevenBlock);
+            return Err(BlockError::Uneven);
         }
         let expected = self.next.unwrap_or(first_sample);
+        let rows = (counts.len() / channels) as u64;
+        if first_sample.checked_add(rows).is_none_or(|end| end < expected) {
+            return Err(BlockError::Past);
+        }
         let gap = first_sample.saturating_sub(expected);
-        if gap > u64::from(self.thresholds.off_samples()) {
+        if gap > self.longest_gap {
             // Too long to be part of a passage.
             let lost = u32::try_from(gap).unwrap_or(u32::MAX).saturating_mul(channels as u32);
             self.quality.missing = self.quality.missing.saturating_add(lost);

@@ -79,7 +79,11 @@ fn attend(line: &mut TcpStream, logger: &mut RemoteLogger) -> io::Result<()> {
         line.set_nonblocking(more)?;
         match received(line.read(&mut buffer))? {
             0 => {}
-            count => logger.receive(&buffer[..count], &mut board),
+            count => {
+                // The two ends share this setting: an answer must not be cut off because the line is full.
+                line.set_nonblocking(false)?;
+                logger.receive(&buffer[..count], &mut board);
+            }
         }
         line.set_nonblocking(false)?;
         more = logger.poll(&mut board);
