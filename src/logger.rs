@@ -14,7 +14,8 @@ use heapless::{Deque, Vec};
 use serde::{Deserialize, Serialize};
 
 use crate::bridge::ReducedBridge;
-use crate::capacity::{CARS, CHANNELS};
+use crate::capacity::{CARS, CHANNELS, ELEMENTS};
+use crate::identify::hybrid::HIDDEN;
 use crate::identify::{Hybrid, Identification, Problem};
 use crate::interaction::{Kinematics, Observation, Run, SetupError};
 use crate::math::level_db;
@@ -22,7 +23,9 @@ use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::train::Train;
-use crate::wire::message::{Alert, Configuration, Event, PassageReport, Quality, Reason, Traffic, Trigger, Verdict};
+use crate::wire::message::{
+    Alert, Configuration, Event, Fit, PassageReport, Quality, Reason, Traffic, Trigger, Verdict,
+};
 
 /// Longest step of the solver, s. At 1 ms Newmark's error in the recorder's band is below 1 % (40 Hz, 8 modes).
 const LONGEST_STEP_S: f32 = 1e-3;
@@ -375,18 +378,24 @@ impl Logger {
     }
 
     fn decide(&mut self, found: &Identification) {
-        let objective = found.objective;
+        let fit = Fit {
+            objective: found.objective,
+            unexplained: found.unexplained(),
+        };
         let certain = found.certain();
+        let hidden = found.hidden(self.bridge.as_ref().map_or(ELEMENTS, |bridge| bridge.elements));
+        let hidden_permille = permille(&hidden);
         if !found.explained() {
             self.end_work(Verdict::NotIdentified(Reason::Unexplained));
         } else if certain == 0 {
-            self.end_work(Verdict::Healthy { objective });
+            self.end_work(if hidden > HIDDEN {
+                Verdict::Undecided { fit, hidden_permille }
+            } else {
+                Verdict::Healthy { fit, hidden_permille }
+            });
         } else {
             if let (Some(work), Some(bridge)) = (self.work.as_ref(), self.bridge.as_ref()) {
-                let permille = |values: &[f32]| {
-                    let whole = |value: &f32| (value * 1000.0 + 0.5) as u16;
-                    values.iter().take(bridge.elements).map(whole).collect()
-                };
+                let permille = |values: &[f32]| values.iter().take(bridge.elements).map(permille).collect();
                 let alert = Alert {
                     bridge: bridge.name.clone(),
                     passage: work.report.passage,
@@ -394,14 +403,14 @@ impl Logger {
                     damage_permille: permille(&found.damage),
                     std_permille: permille(&found.std),
                     certain,
-                    objective,
+                    objective: found.objective,
                     objective_healthy: found.objective_healthy,
                     forward_solves: found.forward_solves,
                 };
                 self.alerts = self.alerts.saturating_add(1);
                 self.emit(Event::Alert(alert));
             }
-            self.end_work(Verdict::Damaged { objective });
+            self.end_work(Verdict::Damaged { fit });
         }
     }
 
@@ -421,4 +430,9 @@ impl Logger {
         // Whoever runs the logger fetches its events after every call; no call causes more of them.
         let _ = self.events.push_back(event);
     }
+}
+
+/// To the nearest per mille; what is larger than a message can hold becomes the largest that it can.
+fn permille(value: &f32) -> u16 {
+    (value * 1000.0 + 0.5) as u16
 }

@@ -162,7 +162,7 @@ fn a_recording_that_ends_within_the_passage_is_replayed_and_not_taken_for_damage
     assert!(output.status.success(), "{text}");
     assert_eq!(text.lines().count(), 2, "{text}");
     assert!(
-        text.lines().next().is_some_and(|line| line.contains("\"healthy\"")),
+        text.lines().next().is_some_and(|line| line.contains("\"undecided\"")),
         "{text}"
     );
 }

@@ -6,7 +6,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
-    Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Configuration, Effort, Event, Health,
+    Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Configuration, Effort, Event, Fit, Health,
     ModelChunk, Outcome, PassageReport, Quality, Request, Restart, SampleBlock, Status, Traffic, TrainKind, Trigger,
     Verdict,
 };
@@ -104,7 +104,13 @@ fn events() -> Vec<Event> {
         peak_mps2: [1.0; CHANNELS].into_iter().collect(),
         level_db: 100.0,
         quality: Quality::default(),
-        verdict: Verdict::Healthy { objective: 0.0 },
+        verdict: Verdict::Healthy {
+            fit: Fit {
+                objective: 1.0,
+                unexplained: 0.5,
+            },
+            hidden_permille: u16::MAX,
+        },
     };
     vec![Event::Passage(report), alert()]
 }

@@ -80,7 +80,7 @@ impl<'a> History<'a> {
 }
 
 /// Draws an identification into the SVG file at `path`: measured and fitted history with the residual below, a row a
-/// channel, then the damage by element with its 95 % interval.
+/// channel, then the damage by element with its ± 2 standard deviations.
 pub fn identification(
     path: &Path,
     title: &str,
@@ -196,7 +196,7 @@ fn draw_damage(canvas: &Canvas<'_>, bars: &DamageBars<'_>, top: f64, height: f64
     canvas.text("Damage by element", LEFT, top - 13.0, BODY, INK, HPos::Left)?;
     let mut marks = vec![(Mark::Box(SKY), "identified")];
     if bars.std.is_some() {
-        marks.push((Mark::Whisker, "95 % interval"));
+        marks.push((Mark::Whisker, "± 2 standard deviations"));
     }
     if bars.truth.is_some() {
         marks.push((Mark::Diamond, "true"));

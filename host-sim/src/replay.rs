@@ -9,7 +9,7 @@ use spanwatch::wire::message::{
 };
 
 use crate::recording::Recording;
-use crate::station::Station;
+use crate::station::{Station, words};
 use crate::{model, terminal};
 
 /// Seed of the logger's search where nobody gives one.
@@ -64,6 +64,14 @@ pub fn prepare(path: &Path, bridge: Option<&str>, seed: u64) -> Result<Prepared>
     };
     if let Some(bridge) = &bridge {
         for channel in &recording.channels {
+            let place = channel.node.and_then(|node| bridge.sensor_at(node));
+            if place.is_some_and(|place| bridge.sensors.column(place).iter().all(|&moves| moves == 0.0)) {
+                bail!(
+                    "{name}: channel \"{}\" is at a support of bridge \"{}\", which does not move; check its node",
+                    channel.column,
+                    bridge.name
+                );
+            }
             if let Some(node) = channel.node.filter(|&node| bridge.sensor_at(node).is_none()) {
                 bail!(
                     "{name}: channel \"{}\" is at node {node}, but bridge \"{}\" has nodes 1 to {}",
@@ -144,6 +152,14 @@ impl Prepared {
             }
         }
         let status = station.finish()?;
+        if status.samples != self.recording.rows() as u64 {
+            bail!(
+                "the logger has taken {} of {} samples: it has restarted {} while it was working",
+                status.samples,
+                self.recording.rows(),
+                words::restart(status.health.restart)
+            );
+        }
         self.hear(station, &mut tell)?;
         bar.finish_and_clear();
         Ok(status)

@@ -16,6 +16,7 @@ use super::refine::{Refinement, Stop};
 use crate::bridge::Damage;
 use crate::capacity::ELEMENTS;
 use crate::interaction::SetupError;
+use crate::math;
 
 /// Forward solves of the genetic search before the refinement begins. An earlier form of the search, tried on 60 random
 /// cases of one to three damages up to 65 %, ended elsewhere in 8 of them when it began at the undamaged bridge, in 1 after
@@ -30,14 +31,18 @@ pub const ALARM_DAMAGE: f32 = 0.05;
 /// chance once in five years.
 pub const ALARM_DEVIATIONS: f32 = 5.0;
 /// Part of the recording's mean square that may remain unexplained; beyond it, the model is not of this passage.
-pub const UNEXPLAINED: f32 = 0.25;
+pub const UNEXPLAINED: f32 = 0.1;
+/// A loss that a passage can hide and is still said to be healthy; if it can hide more, nothing is decided.
+pub const HIDDEN: f32 = 0.5;
 
 /// What a search found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Identification {
     /// Fraction of bending stiffness lost by each element.
     pub damage: Damage<f32>,
-    /// Standard deviation of each.
+    /// Standard deviation of each: that of the least squares times the square root of
+    /// [`Problem::correlation_time`], since residuals that swing with the bridge, as those of a wrong entry time do, say less than
+    /// as many independent ones.
     pub std: Damage<f32>,
     /// The damage to the nearest 10 %.
     pub code: DamageCode,
@@ -67,6 +72,20 @@ impl Identification {
         (0..ELEMENTS)
             .filter(|&e| self.is_certain(e))
             .fold(0, |bits, e| bits | 1 << e)
+    }
+
+    /// The largest loss of a single element that need not have been found certain.
+    pub fn hidden(&self, elements: usize) -> f32 {
+        self.std
+            .iter()
+            .take(elements)
+            .fold(ALARM_DAMAGE, |most, std| most.max(ALARM_DEVIATIONS * std))
+            .min(1.0)
+    }
+
+    /// Part of the recording's mean square that the damage leaves unexplained.
+    pub fn unexplained(&self) -> f32 {
+        self.objective / self.mean_square.max(f32::MIN_POSITIVE)
     }
 
     /// Whether some damage pattern explains the recording at all.
@@ -129,10 +148,15 @@ impl Hybrid {
         self.forward_solves += refinement.solves() - before;
         let Some(stop) = stop else { return Ok(None) };
         // A singular information matrix: the recording says nothing of some element.
-        let (damage, std, objective) =
+        let (damage, mut std, objective) =
             refinement
                 .estimate(problem)
                 .unwrap_or(([0.0; ELEMENTS], [1.0; ELEMENTS], f32::INFINITY));
+        let inflation = math::sqrt(problem.correlation_time(&damage)?);
+        self.forward_solves += 1;
+        for deviation in &mut std {
+            *deviation *= inflation;
+        }
         let found = Identification {
             damage,
             std,

@@ -236,19 +236,38 @@ pub struct PassageReport {
     pub verdict: Verdict,
 }
 
+/// How well a damage pattern explains a passage.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Fit {
+    /// Misfit, (m/s²)².
+    pub objective: f32,
+    /// The same as a part of the passage's mean square.
+    pub unexplained: f32,
+}
+
 /// What the search made of a passage.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Verdict {
-    /// No damage that the data would prove.
+    /// No damage beyond doubt.
     Healthy {
-        /// Misfit of the best pattern, (m/s²)².
-        objective: f32,
+        /// How well the best pattern fits.
+        fit: Fit,
+        /// Loss of a single element, per mille, that the passage could have hidden.
+        hidden_permille: u16,
+    },
+    /// No damage beyond doubt, but the passage could have hidden any.
+    Undecided {
+        /// How well the best pattern fits.
+        fit: Fit,
+        /// Loss of a single element, per mille, that the passage could have hidden.
+        hidden_permille: u16,
     },
     /// Damage; an [`Alert`] says where.
     Damaged {
-        /// Misfit of the best pattern, (m/s²)².
-        objective: f32,
+        /// How well the best pattern fits.
+        fit: Fit,
     },
     /// Nothing was identified.
     NotIdentified(Reason),

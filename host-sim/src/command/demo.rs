@@ -141,7 +141,7 @@ fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Aler
         .zip(&labels)
         .map(|((measured, fitted), label)| History {
             label,
-            start_s: prepared.recording.start_s,
+            start_s: prepared.recording.start_s + observed.first_sample as f64 * prepared.recording.interval_s,
             interval_s: prepared.recording.interval_s,
             measured,
             fitted,

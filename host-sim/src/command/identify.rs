@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use host_sim::identification::{Found, Known, Method, Observed, search};
 use host_sim::replay::{self, Prepared};
+use host_sim::station::words;
 use host_sim::terminal;
 use serde_json::json;
 use spanwatch::identify::paper_ga;
@@ -58,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return super::print_json(&as_json(&found, &prepared, observed.bridge.elements));
     }
-    super::print(&in_words(&found, observed.bridge.elements))
+    super::print(&in_words(&found, &observed))
 }
 
 fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::Value {
@@ -80,12 +81,23 @@ fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::V
     })
 }
 
-fn in_words(found: &Found, elements: usize) -> String {
+fn in_words(found: &Found, observed: &Observed) -> String {
+    let unexplained = words::percent(f64::from(found.objective / observed.problem().mean_square()));
+    if found.explained == Some(false) {
+        return format!(
+            "No damage explains this passage: the best leaves {unexplained} of the signal's power unexplained. Check train, \
+             speed, entry time, load, and the node, unit and sign of each channel.\n"
+        );
+    }
     let mut text = String::from("element  loss of bending stiffness\n");
-    for e in 0..elements {
+    for e in 0..observed.bridge.elements {
         let _ = write!(text, "{:>7}  {:5.1} %", e + 1, 100.0 * found.damage[e]);
-        if let Some(std) = &found.std {
-            let _ = write!(text, "  ± {:4.1} %", 200.0 * std[e]);
+        match &found.std {
+            Some(std) if std[e] < 0.0005 => text.push_str("  ± < 0.1 %"),
+            Some(std) => {
+                let _ = write!(text, "  ± {:5.1} %", 200.0 * std[e]);
+            }
+            None => {}
         }
         if found.certain >> e & 1 == 1 {
             text.push_str("  damaged beyond doubt");
@@ -93,11 +105,8 @@ fn in_words(found: &Found, elements: usize) -> String {
         text.push('\n');
     }
     if found.std.is_some() {
-        text.push_str("The ranges hold two standard deviations.\n");
-    }
-    if found.explained == Some(false) {
         text.push_str(
-            "No damage explains this recording: check train, speed and entry time before you believe the table.\n",
+            "The ranges hold two standard deviations, of the noise alone: not what the model does not know.\n",
         );
     }
     let end = if found.converged {
@@ -107,7 +116,8 @@ fn in_words(found: &Found, elements: usize) -> String {
     };
     let _ = writeln!(
         text,
-        "Misfit {:.2e} (m/s²)², {} forward solves, {} generations, {end}.",
+        "The model leaves {unexplained} of the signal's power unexplained (misfit {:.2e} (m/s²)²); {} forward solves, {} \
+         generations, {end}.",
         found.objective, found.forward_solves, found.generations
     );
     text

@@ -85,6 +85,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 }
             }
         })?;
+        if status.passages == 0 && !arguments.json {
+            super::print(&format!(
+                "  {}\n",
+                words::no_passage(&prepared.recording, &prepared.configuration.trigger)
+            ))?;
+        }
         samples += status.samples;
         last = Some(status);
     }
@@ -98,6 +104,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             "alerts": alerts,
             "frames": station.frames() + u64::from(status.frames),
             "rejected": rejected,
+            "overruns": status.health.overruns,
+            "restart": format!("{:?}", status.health.restart),
         }));
     }
     let stored = match alerts {
@@ -115,10 +123,11 @@ fn open_store<'s>(store: &'s mut Option<Store>, path: &Path) -> Result<&'s mut S
 }
 
 fn passage_json(report: &PassageReport, start_s: f64, end_s: f64, source: &str) -> serde_json::Value {
-    let (verdict, objective) = match report.verdict {
-        Verdict::Healthy { objective } => ("healthy".to_owned(), Some(objective)),
-        Verdict::Damaged { objective } => ("damaged".to_owned(), Some(objective)),
-        Verdict::NotIdentified(reason) => (format!("not identified: {reason:?}"), None),
+    let (verdict, fit, hidden) = match report.verdict {
+        Verdict::Healthy { fit, hidden_permille } => ("healthy".to_owned(), Some(fit), Some(hidden_permille)),
+        Verdict::Undecided { fit, hidden_permille } => ("undecided".to_owned(), Some(fit), Some(hidden_permille)),
+        Verdict::Damaged { fit } => ("damaged".to_owned(), Some(fit), None),
+        Verdict::NotIdentified(reason) => (format!("not identified: {reason:?}"), None, None),
     };
     json!({
         "event": "passage",
@@ -127,7 +136,9 @@ fn passage_json(report: &PassageReport, start_s: f64, end_s: f64, source: &str) 
         "start_s": start_s,
         "end_s": end_s,
         "verdict": verdict,
-        "objective": objective,
+        "objective": fit.map(|fit| fit.objective),
+        "unexplained": fit.map(|fit| fit.unexplained),
+        "hidden": hidden.map(|permille| f64::from(permille) / 1000.0),
         "peak_mps2": report.peak_mps2,
         "level_db": report.level_db,
         "missing": report.quality.missing,

@@ -46,7 +46,8 @@ pub fn find(name_or_file: &str) -> Result<BridgeFile> {
     {
         return from_file(Path::new(name_or_file));
     }
-    shipped(name_or_file).map_err(|error| anyhow!("{error}; a bridge of your own is a file NAME.toml"))
+    shipped(name_or_file)
+        .map_err(|error| anyhow!("{error}; a bridge of your own is a file NAME.toml, named with --bridge"))
 }
 
 /// The bridge in a file.

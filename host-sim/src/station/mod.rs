@@ -18,10 +18,12 @@ use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 use crate::channel::Channel;
 use crate::model;
 
-/// An answer takes a logger a slice of identification at most: seconds on the slowest board that we know.
+/// A request that is not answered is sent again after this time; asking twice does no harm.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
-/// A request is sent so often; asking twice does no harm.
-const TRIES: u32 = 3;
+/// So often to a logger that has never answered, ...
+const FIRST_TRIES: u32 = 2;
+/// ... and to one that has: it may be in the middle of a slice of work, minutes on the slowest board that we know.
+const TRIES: u32 = 10;
 /// Pause between two questions whether the logger is still busy.
 const BUSY_PAUSE: Duration = Duration::from_millis(100);
 /// An identification that takes longer hangs: a 16-car train takes minutes on the slowest board.
@@ -145,7 +147,8 @@ impl Station {
             .ok()
             .context("the request does not fit into a frame")?
             .to_vec();
-        for _ in 0..TRIES {
+        let tries = if self.frames == 0 { FIRST_TRIES } else { TRIES };
+        for _ in 0..tries {
             self.channel.send(&frame).context("cannot send to the logger")?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
@@ -159,7 +162,7 @@ impl Station {
             count => format!("; {count} frames from it were refused, so it may speak another version"),
         };
         bail!(
-            "the logger does not answer: {TRIES} tries of {} s{refused}",
+            "the logger does not answer: {tries} tries of {} s{refused}",
             ANSWER_TIMEOUT.as_secs()
         );
     }

@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 
-use spanwatch::wire::message::{Alert, PassageReport, Quality, Reason, Restart, Status, Verdict};
+use spanwatch::wire::message::{Alert, Fit, PassageReport, Quality, Reason, Restart, Status, Trigger, Verdict};
+
+use crate::recording::Recording;
 
 /// Damage below this, per mille, is not worth a word.
 const WORTH_A_WORD_PERMILLE: u16 = 20;
@@ -15,21 +17,61 @@ pub fn passage(report: &PassageReport, start_s: f64, end_s: f64) -> String {
         report.passage, report.level_db
     );
     let _ = match &report.verdict {
-        Verdict::Healthy { objective } => {
-            write!(
-                text,
-                " Healthy: no element shows damage beyond doubt (misfit {objective:.1e} (m/s²)²)."
-            )
-        }
-        Verdict::Damaged { objective } => {
-            write!(text, " Damage: see the alert (misfit {objective:.1e} (m/s²)²).")
-        }
+        Verdict::Healthy { fit, hidden_permille } => write!(
+            text,
+            " Healthy: no damage beyond doubt. A loss of up to {:.0} % in one element could have gone unseen; {}.",
+            f64::from(*hidden_permille) / 10.0,
+            left(fit)
+        ),
+        Verdict::Undecided { fit, hidden_permille } => write!(
+            text,
+            " Undecided: no damage beyond doubt, but a loss of up to {:.0} % in one element could have gone unseen; {}.",
+            f64::from(*hidden_permille) / 10.0,
+            left(fit)
+        ),
+        Verdict::Damaged { fit } => write!(text, " Damage: see the alert; {}.", left(fit)),
         Verdict::NotIdentified(reason) => write!(text, " Nothing was identified: {}.", why(reason)),
     };
     if report.quality.total() > 0 {
         let _ = write!(text, " Among its samples {}.", faults(&report.quality));
     }
     text
+}
+
+/// A recording in which no passage was found.
+pub fn no_passage(recording: &Recording, trigger: &Trigger) -> String {
+    let strongest = recording.channels.iter().map(|channel| {
+        let mean = channel.values.iter().sum::<f64>() / channel.values.len().max(1) as f64;
+        channel
+            .values
+            .iter()
+            .fold(0.0_f64, |most, value| most.max((value - mean).abs()))
+    });
+    format!(
+        "No passage was found. The strongest motion in the file is {:.4} m/s²; a passage begins where the level stays above {} \
+         times the quiet level, and above {:.4} m/s², for {} s. If there was a train, check the channels' units.",
+        strongest.fold(0.0, f64::max),
+        trigger.on_ratio,
+        trigger.on_ratio * trigger.floor_mps2,
+        trigger.on_duration_s
+    )
+}
+
+/// How well the passage is explained.
+fn left(fit: &Fit) -> String {
+    format!(
+        "the model leaves {} of the signal's power unexplained",
+        percent(f64::from(fit.unexplained))
+    )
+}
+
+/// A fraction in per cent, with two digits however small it is.
+pub fn percent(fraction: f64) -> String {
+    match fraction * 100.0 {
+        percent if percent < 0.01 => "less than 0.01 %".to_owned(),
+        percent if percent < 1.0 => format!("{percent:.2} %"),
+        percent => format!("{percent:.0} %"),
+    }
 }
 
 /// Why nothing was identified.
@@ -42,7 +84,11 @@ fn why(reason: &Reason) -> String {
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
         Reason::NotThisTrain => "the train that was announced did not enter the bridge during it".to_owned(),
         Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
-        Reason::Unexplained => "no pattern of damage explains the record; check train, speed and entry time".to_owned(),
+        Reason::Unexplained => {
+            "no pattern of damage explains the record; check train, speed, entry time, and the node, unit and sign of \
+             each channel"
+                .to_owned()
+        }
     }
 }
 
@@ -118,12 +164,19 @@ pub fn status(status: &Status) -> String {
     if status.health.stack_peak_bytes > 0 {
         let _ = write!(text, " Stack {} bytes at most.", status.health.stack_peak_bytes);
     }
-    let restart = match status.health.restart {
-        Restart::PowerOn | Restart::Request => "",
-        Restart::Panic => " It has restarted after a panic.",
-        Restart::Fault => " It has restarted after a processor fault.",
-        Restart::Watchdog => " It has restarted because it hung.",
-    };
-    text.push_str(restart);
+    if status.health.restart != Restart::PowerOn {
+        let _ = write!(text, " It has restarted {}.", restart(status.health.restart));
+    }
     text
+}
+
+/// Why a logger has restarted.
+pub fn restart(restart: Restart) -> &'static str {
+    match restart {
+        Restart::PowerOn => "because its power came on",
+        Restart::Request => "because somebody reset it",
+        Restart::Panic => "after a panic",
+        Restart::Fault => "after a processor fault",
+        Restart::Watchdog => "because it hung",
+    }
 }
