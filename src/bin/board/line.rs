@@ -65,6 +65,8 @@ unsafe impl InterruptNumber for ReceiveInterrupt {
 /// The line, open.
 pub struct Line {
     source: Consumer<'static, u8>,
+    /// Took no bytes when it was last tried: the next ones are dropped without another wait.
+    dead: bool,
 }
 
 impl Line {
@@ -77,7 +79,7 @@ impl Line {
         CONTROL.write(CONTROL_SEND | CONTROL_RECEIVE | CONTROL_RECEIVE_INTERRUPT);
         // SAFETY: no critical section is open that relies on this interrupt being masked.
         unsafe { NVIC::unmask(ReceiveInterrupt) };
-        Some(Self { source })
+        Some(Self { source, dead: false })
     }
 
     /// Nothing has been received that was not taken.
@@ -101,6 +103,9 @@ impl Line {
     pub fn send(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             if STATE.read() & STATE_SEND_FULL != 0 {
+                if self.dead {
+                    return;
+                }
                 let since = clock::ticks();
                 while STATE.read() & STATE_SEND_FULL != 0 {
                     if clock::ticks() - since > DEAD_LINE_TICKS {
@@ -108,10 +113,12 @@ impl Line {
                             "the line takes no bytes; the rest of {=usize} bytes is dropped",
                             bytes.len()
                         );
+                        self.dead = true;
                         return;
                     }
                 }
             }
+            self.dead = false;
             DATA.write(byte.into());
         }
     }
