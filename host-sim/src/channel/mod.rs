@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 
 pub use in_process::InProcess;
 pub use qemu::Qemu;
@@ -73,10 +73,17 @@ impl Default for QemuOptions {
     }
 }
 
-/// Where `tests/build-firmware.sh` leaves the image.
+/// Where `tests/build-firmware.sh` leaves the image: in the folder that this program was built in, or else in `target`.
 pub fn default_image() -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
-    PathBuf::from(target).join("thumbv7em-none-eabihf/firmware/logger")
+    const IMAGE: &str = "thumbv7em-none-eabihf/firmware/logger";
+    let beside = std::env::current_exe().ok().and_then(|program| {
+        let built_in = program.parent()?.parent()?.join(IMAGE);
+        built_in.exists().then_some(built_in)
+    });
+    beside.unwrap_or_else(|| {
+        let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+        PathBuf::from(target).join(IMAGE)
+    })
 }
 
 /// Opens the way to a logger.
@@ -123,15 +130,4 @@ impl<F: FnMut(&[u8])> spanwatch::link::Board for PcBoard<F> {
     fn health(&mut self) -> spanwatch::wire::message::Health {
         spanwatch::wire::message::Health::default()
     }
-}
-
-/// Which image does not exist? Said before anything is started.
-pub fn check_image(qemu: &QemuOptions) -> Result<()> {
-    if !qemu.image.exists() {
-        bail!(
-            "there is no firmware image at {}; build it with `sh tests/build-firmware.sh`",
-            qemu.image.display()
-        );
-    }
-    Ok(())
 }
