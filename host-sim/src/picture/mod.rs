@@ -1,0 +1,287 @@
+//! Pictures (SVG): what was identified from a passage, and the mode shapes of a bridge.
+//!
+//! Colours are of the palette of Okabe and Ito, which colour-blind eyes tell apart; no meaning rests on colour alone.
+
+mod canvas;
+
+use std::path::Path;
+
+use anyhow::Result;
+use plotters::prelude::*;
+use plotters::style::text_anchor::HPos;
+
+use crate::output;
+use canvas::{BLUE, BODY, Canvas, INK, LEFT, Mark, SKY, SMALL, SOFT, Svg, TITLE, Ticks, VERMILION, around_zero, ticks};
+
+/// Largest damage on the scale, %.
+const DAMAGE_SCALE_PERCENT: f64 = 70.0;
+/// Standard deviations to either side of an estimate that a whisker shows.
+const WHISKER_DEVIATIONS: f64 = 2.0;
+/// Height of a residual and of the line of words above it, px.
+const STRIP: f64 = 64.0;
+const STRIP_CAPTION: f64 = 24.0;
+/// The measured curve is thin and dark; the fitted one lies over it broad and half transparent, so that both are seen
+/// where they agree. Widths in px.
+const MEASURED: f64 = 1.0;
+const FITTED: f64 = 2.8;
+const FITTED_OPACITY: f64 = 0.6;
+/// Factors by which a residual may be magnified; more would show rounding.
+const MAGNIFICATIONS: [f64; 7] = [100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
+
+/// One channel of a passage, measured and as the identified bridge would have moved.
+#[derive(Debug, Clone, Copy)]
+pub struct History<'a> {
+    /// What it is, such as "node 6".
+    pub label: &'a str,
+    /// Time of the first sample, s.
+    pub start_s: f64,
+    /// Time between samples, s.
+    pub interval_s: f64,
+    /// Recorded acceleration, m/s².
+    pub measured: &'a [f64],
+    /// Acceleration of the fitted model, m/s²; as many samples.
+    pub fitted: &'a [f64],
+}
+
+/// The damage of each element, as fractions of bending stiffness lost; all slices of the same length.
+#[derive(Debug, Clone, Copy)]
+pub struct DamageBars<'a> {
+    /// As identified.
+    pub damage: &'a [f64],
+    /// Standard deviation of each, where known.
+    pub std: Option<&'a [f64]>,
+    /// The true damage, where known.
+    pub truth: Option<&'a [f64]>,
+}
+
+impl<'a> History<'a> {
+    fn residual(&self) -> impl Iterator<Item = f64> + use<'a> {
+        self.measured.iter().zip(self.fitted).map(|(m, f)| m - f)
+    }
+}
+
+/// Draws an identification into the SVG file at `path`: measured and fitted history with the residual below, a row a
+/// channel, then the damage by element with its ± 2 standard deviations.
+pub fn identification(
+    path: &Path,
+    title: &str,
+    subtitle: &str,
+    histories: &[History<'_>],
+    damage: &DamageBars<'_>,
+) -> Result<()> {
+    const HEAD: f64 = 76.0;
+    const CAPTION: f64 = 30.0;
+    const BARS: f64 = 250.0;
+    const AXIS: f64 = 58.0;
+    let main = match histories.len() {
+        1 => 230.0,
+        2 => 170.0,
+        _ => 140.0,
+    };
+    let row = CAPTION + main + STRIP_CAPTION + STRIP;
+    let scale = Scale::of(histories, main);
+    // Only the last row carries the time axis.
+    let height = HEAD + row * histories.len() as f64 + AXIS + CAPTION + BARS + AXIS;
+    let svg = Svg::draw(height, |canvas| {
+        canvas.text(title, LEFT, 30.0, TITLE, INK, HPos::Left)?;
+        canvas.text(subtitle, LEFT, 56.0, BODY, SOFT, HPos::Left)?;
+        for (i, history) in histories.iter().enumerate() {
+            let top = HEAD + row * i as f64 + CAPTION;
+            canvas.text(history.label, LEFT, top - 13.0, BODY, INK, HPos::Left)?;
+            if i == 0 {
+                canvas.legend(
+                    top - 13.0,
+                    &[
+                        (Mark::Line(INK.to_rgba(), MEASURED), "measured"),
+                        (Mark::Line(VERMILION.mix(FITTED_OPACITY), FITTED), "fitted"),
+                    ],
+                )?;
+            }
+            draw_history(canvas, history, top, main, &scale, i + 1 == histories.len())?;
+        }
+        let top = HEAD + row * histories.len() as f64 + AXIS + CAPTION;
+        draw_damage(canvas, damage, top, BARS)
+    })?;
+    output::write(&[(path, svg.as_bytes())])
+}
+
+/// The vertical scale that all channels share, so that the eye can compare them.
+struct Scale {
+    /// Largest acceleration on the axis, m/s².
+    reach: f64,
+    /// How many times larger the residual is drawn.
+    magnification: f64,
+}
+
+impl Scale {
+    fn of(histories: &[History<'_>], main: f64) -> Self {
+        let peak = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0_f64, |peak, v| peak.max(v.abs()));
+        let all = (histories.iter()).flat_map(|history| history.measured.iter().chain(history.fitted));
+        let reach = match peak(&mut all.copied()) {
+            largest if largest > 0.0 && largest.is_finite() => 1.08 * largest,
+            _ => 1.0,
+        };
+        let largest = peak(&mut histories.iter().flat_map(History::residual));
+        let magnification = (MAGNIFICATIONS.into_iter())
+            .find(|factor| largest * factor <= reach * STRIP / main)
+            .unwrap_or(1.0);
+        Self { reach, magnification }
+    }
+}
+
+fn draw_history(
+    canvas: &Canvas<'_>,
+    history: &History<'_>,
+    top: f64,
+    main: f64,
+    scale: &Scale,
+    with_time: bool,
+) -> Result<()> {
+    let time = |i: usize| history.start_s + i as f64 * history.interval_s;
+    let times = (time(0), time(history.measured.len().saturating_sub(1).max(1)));
+    let along = ticks(times.0, times.1, 10);
+    let points = |values: &mut dyn Iterator<Item = f64>| -> Vec<(f64, f64)> {
+        values.enumerate().map(|(i, v)| (time(i), v)).collect()
+    };
+
+    let panel = canvas.panel(top, main, times, (-scale.reach, scale.reach));
+    panel.grid(&along, &ticks(-scale.reach, scale.reach, 6))?;
+    panel.y_label("acceleration, m/s²")?;
+    panel.line(&points(&mut history.measured.iter().copied()), INK, MEASURED)?;
+    panel.line(
+        &points(&mut history.fitted.iter().copied()),
+        VERMILION.mix(FITTED_OPACITY),
+        FITTED,
+    )?;
+
+    let below = top + main + STRIP_CAPTION;
+    let half = scale.reach * STRIP / main / scale.magnification;
+    let strip = canvas.panel(below, STRIP, times, (-half, half));
+    strip.grid(&along, &around_zero(half))?;
+    strip.line(&points(&mut history.residual()), BLUE, 1.0)?;
+    let caption = if scale.magnification > 1.0 {
+        format!("measured minus fitted, drawn {} times as large", scale.magnification)
+    } else {
+        "measured minus fitted".to_owned()
+    };
+    canvas.text(&caption, LEFT, below - 11.0, SMALL, SOFT, HPos::Left)?;
+    if with_time {
+        strip.x_axis(&along, "time, s")?;
+    }
+    Ok(())
+}
+
+fn draw_damage(canvas: &Canvas<'_>, bars: &DamageBars<'_>, top: f64, height: f64) -> Result<()> {
+    let elements = bars.damage.len();
+    let panel = canvas.panel(top, height, (0.5, elements as f64 + 0.5), (0.0, DAMAGE_SCALE_PERCENT));
+    canvas.text("Damage by element", LEFT, top - 13.0, BODY, INK, HPos::Left)?;
+    let mut marks = vec![(Mark::Box(SKY), "identified")];
+    if bars.std.is_some() {
+        marks.push((Mark::Whisker, "± 2 standard deviations"));
+    }
+    if bars.truth.is_some() {
+        marks.push((Mark::Diamond, "true"));
+    }
+    canvas.legend(top - 13.0, &marks)?;
+    panel.grid(&Ticks::none(), &ticks(0.0, DAMAGE_SCALE_PERCENT, 7))?;
+    panel.y_label("loss of bending stiffness, %")?;
+    for (e, damage) in bars.damage.iter().enumerate() {
+        let x = (e + 1) as f64;
+        let percent = 100.0 * damage;
+        panel.bar(x, 0.52, percent, SKY)?;
+        if let Some(std) = bars.std.and_then(|std| std.get(e)) {
+            let half = 100.0 * WHISKER_DEVIATIONS * std;
+            panel.whisker(x, percent - half, percent + half)?;
+        }
+        if let Some(truth) = bars.truth.and_then(|truth| truth.get(e)) {
+            panel.diamond(x, 100.0 * truth)?;
+        }
+    }
+    let labels = Ticks {
+        values: (1..=elements).map(|e| e as f64).collect(),
+        decimals: 0,
+    };
+    panel.x_axis(&labels, "element, from the end by which the train enters")
+}
+
+/// Draws mode shapes into the SVG file at `path`, a row a shape: its label and its values at equal distances along the
+/// bridge. `node_m` are the places of the nodes, m; `held` the numbers (from 1) of those on supports.
+pub fn mode_shapes(path: &Path, title: &str, node_m: &[f64], held: &[u16], shapes: &[(&str, &[f64])]) -> Result<()> {
+    const HEAD: f64 = 56.0;
+    const ROW: f64 = 150.0;
+    const CAPTION: f64 = 34.0;
+    const AXIS: f64 = 62.0;
+    let length = node_m.last().copied().unwrap_or(1.0);
+    let svg = Svg::draw(HEAD + shapes.len() as f64 * (CAPTION + ROW) + AXIS, |canvas| {
+        canvas.text(title, LEFT, 30.0, TITLE, INK, HPos::Left)?;
+        for (k, (label, shape)) in shapes.iter().enumerate() {
+            let top = HEAD + k as f64 * (CAPTION + ROW) + CAPTION;
+            canvas.text(label, LEFT, top - 12.0, BODY, INK, HPos::Left)?;
+            let panel = canvas.panel(top, ROW, (0.0, length), (-1.25, 1.25));
+            let along = ticks(0.0, length, 10);
+            panel.grid(&along, &ticks(-1.0, 1.0, 2))?;
+            let last = (shape.len() - 1).max(1) as f64;
+            let points: Vec<(f64, f64)> = (shape.iter().enumerate())
+                .map(|(i, &w)| (i as f64 / last * length, w))
+                .collect();
+            panel.area(&points, SKY)?;
+            panel.line(&[(0.0, 0.0), (length, 0.0)], SOFT, 1.0)?;
+            panel.line(&points, BLUE, 2.2)?;
+            for (i, &x) in node_m.iter().enumerate() {
+                let place = x / length * last;
+                let (left, part) = (place.floor() as usize, place.fract());
+                let right = shape[(left + 1).min(shape.len() - 1)];
+                panel.dot(x, shape[left] * (1.0 - part) + right * part)?;
+                if held.contains(&(i as u16 + 1)) {
+                    panel.support(x)?;
+                }
+            }
+            if k + 1 == shapes.len() {
+                panel.x_axis(&along, "distance from node 1, m; dots: nodes, triangles: supports")?;
+            }
+        }
+        Ok(())
+    })?;
+    output::write(&[(path, svg.as_bytes())])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_numbers_with_no_more_decimals_than_they_need() {
+        let axis = ticks(-0.13, 0.13, 6);
+        let texts: Vec<String> = axis.values.iter().map(|&v| axis.text(v)).collect();
+        assert_eq!(texts, ["−0.10", "−0.05", "0.00", "0.05", "0.10"]);
+        let axis = ticks(0.0, 7.05, 10);
+        assert_eq!(axis.text(axis.values[7]), "7");
+        assert!(ticks(1.0, 1.0, 5).values.is_empty());
+    }
+
+    #[test]
+    fn a_picture_of_silence_or_of_anything_else_has_finite_coordinates_only() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("x.svg");
+        for value in [0.0, 1e-9, 1e6] {
+            let measured = vec![value; 50];
+            let history = History {
+                label: "node 6 <&>",
+                start_s: 0.0,
+                interval_s: 0.005,
+                measured: &measured,
+                fitted: &vec![0.0; 50],
+            };
+            let bars = DamageBars {
+                damage: &[0.0, 0.3, 2.0],
+                std: Some(&[0.0, 0.1, f64::INFINITY]),
+                truth: None,
+            };
+            identification(&path, "title", "subtitle", &[history; 3], &bars).expect("a picture");
+            let text = std::fs::read_to_string(&path).expect("the picture");
+            assert!(text.starts_with("<svg width=\"1100\""), "{}", &text[..80]);
+            assert!(text.contains("node 6 &lt;&amp;&gt;"));
+            assert!(!text.contains("NaN") && !text.contains("inf"));
+        }
+    }
+}
