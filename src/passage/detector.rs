@@ -8,12 +8,11 @@
 //! ```
 //!
 //! Motion begins when the ratio stays above `on_ratio` for `on_duration` and ends when it stays below `off_ratio` for
-//! `off_duration`: a click is too short to begin it (and until it has begun one sample is worth at most a quarter of what it
-//! takes), a beat of the free vibration too short to end it. The quiet level
-//! rises slowly, so that a train that comes nearer does not pass for its own background, and falls fast, so that the
-//! end of a passage does not hide the next train. It stands still from the first sample above `on_ratio`, and so does the
-//! offset, the mean that is taken from a passage's samples. A change of the surroundings that outlasts any train ends the
-//! motion too, and everything is learnt anew.
+//! `off_duration`: a click is too short to begin it (and until then one sample is worth at most a quarter of what it takes),
+//! a beat of the free vibration too short to end it. The quiet level rises slowly, so that a train that comes nearer does
+//! not pass for its own background, and falls fast, so that the end of a passage does not hide the next train. It stands
+//! still from the first sample above `on_ratio`, and so does the offset, the mean that is taken from a passage's samples. A
+//! change of the surroundings that outlasts any train ends the motion too, and everything is learnt anew.
 
 use crate::capacity::CHANNELS;
 use crate::math;
