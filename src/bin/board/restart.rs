@@ -171,6 +171,8 @@ pub fn report() -> Restart {
             "{=u32} failures in a row, each within 10 s of the start: stopped",
             failures
         );
+        // What went wrong stays on record until the watchdog ends the stop, and is told then.
+        RECORD.write(Record { failures: 0, ..record });
         stop();
     }
     restart
@@ -353,6 +355,11 @@ unsafe extern "C" fn faulted(frame: *mut Frame) -> ! {
 /// # Safety
 /// As [`frame_at`].
 unsafe extern "C" fn hung(frame: *mut Frame) -> ! {
+    let before = RECORD.read();
+    if before.magic == MAGIC && before.kind != RUNNING {
+        // It did not hang: it has stopped.
+        SCB::sys_reset();
+    }
     let mut record = Record::new(WATCHDOG);
     // SAFETY: as promised by the caller.
     if let Some(frame) = unsafe { frame_at(frame) } {
