@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 
 use host_sim::evaluate::{CASES_2DOF, Case, Signal};
-use host_sim::identification::Observed;
+use host_sim::identification::{Known, Method, Observed, search};
 use host_sim::model;
 use host_sim::simulate::Scenario;
 use rand_core::{Rng, SeedableRng, TryRng};
@@ -438,4 +438,53 @@ fn searches_run_on_any_generator_and_draw_from_no_other() {
     let before = rng.draws;
     asked(&mut MicroGa::new(&mut rng, 0.0, 100), hill, usize::MAX);
     assert!(rng.draws > before);
+}
+
+// ---- a record that this program did not make ------------------------------------------------------------------------
+
+#[test]
+fn damage_is_found_in_the_history_of_an_independent_program() {
+    // Reference r2: element 1 has lost 21 %, element 5 41 %; made by other code, to the same step of 1 ms, printed to 8 digits.
+    const TENTH_OF_A_POINT: f32 = 1e-3;
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/reference");
+    for (file, truth) in [
+        ("r1_2dof_1car_60kmh_healthy.csv", [0.0, 0.0]),
+        ("r2_2dof_1car_60kmh_e1_21_e5_41.csv", [0.21, 0.41]),
+    ] {
+        let mut rows = csv::Reader::from_path(folder.join(file)).expect("a reference history");
+        let samples: Vec<f32> = rows
+            .deserialize::<Vec<f64>>()
+            .flat_map(|row| row.expect("numbers").into_iter().skip(1).take(3))
+            .map(|value| value as f32)
+            .collect();
+        let scenario = Scenario {
+            nodes: vec![3, 6, 9],
+            lead_s: 0.0,
+            tail_s: 0.0,
+            ..Scenario::inspection_car()
+        };
+        let mut observed = Observed::simulated(&girder50(), &scenario).expect("simulates");
+        observed.samples = samples;
+        let found = search(
+            &observed.problem(),
+            Method::Hybrid,
+            1,
+            0.0,
+            &Known::default(),
+            &mut |_| (),
+        )
+        .expect("a search");
+        for (e, &loss) in found.damage.iter().enumerate() {
+            let truth = match e {
+                0 => truth[0],
+                4 => truth[1],
+                _ => 0.0,
+            };
+            assert!(
+                (loss - truth).abs() < TENTH_OF_A_POINT,
+                "{file}, element {}: {loss}",
+                e + 1
+            );
+        }
+    }
 }

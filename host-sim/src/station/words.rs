@@ -49,7 +49,8 @@ pub fn no_passage(recording: &Recording, trigger: &Trigger) -> String {
     });
     format!(
         "No passage was found. The strongest motion in the file is {:.4} m/s²; a passage begins where the level stays above {} \
-         times the quiet level, and above {:.4} m/s², for {} s. If there was a train, check the channels' units.",
+         times the quiet level, and above {:.4} m/s², for {} s, and the quiet level is learnt from half a second before it. If \
+         there was a train, check the channels' units and that the file begins before it.",
         strongest.fold(0.0, f64::max),
         trigger.on_ratio,
         trigger.on_ratio * trigger.floor_mps2,
@@ -152,11 +153,11 @@ pub fn alert(alert: &Alert) -> String {
 /// How a logger is.
 pub fn status(status: &Status) -> String {
     let mut text = format!(
-        "Logger: {} samples ({}), {} passages, {} alerts; {} frames taken, {} refused, {} bytes lost.",
+        "Logger: {} samples ({}), {}, {}; {} frames taken, {} refused, {} bytes lost.",
         status.samples,
         faults(&status.quality),
-        status.passages,
-        status.alerts,
+        counted(status.passages, "passage"),
+        counted(status.alerts, "alert"),
         status.frames,
         status.rejected,
         status.health.overruns
@@ -168,6 +169,11 @@ pub fn status(status: &Status) -> String {
         let _ = write!(text, " It has restarted {}.", restart(status.health.restart));
     }
     text
+}
+
+/// So many of them.
+fn counted(number: u32, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
 /// Why a logger has restarted.
