@@ -16,8 +16,6 @@ pub trait Real: RealField + Copy + Into<f64> {
     fn of(value: f64) -> Self;
     /// Sine and cosine of an angle in radians, to 1 ulp.
     fn sin_cos_exact(self) -> (Self, Self);
-    /// Nearest `f32`.
-    fn to_f32(self) -> f32;
 }
 
 impl Real for f32 {
@@ -26,9 +24,6 @@ impl Real for f32 {
     }
     fn sin_cos_exact(self) -> (Self, Self) {
         libm::sincosf(self)
-    }
-    fn to_f32(self) -> f32 {
-        self
     }
 }
 
@@ -39,19 +34,11 @@ impl Real for f64 {
     fn sin_cos_exact(self) -> (Self, Self) {
         libm::sincos(self)
     }
-    fn to_f32(self) -> f32 {
-        self as f32
-    }
 }
 
 /// Square root of an `f32`, exact (to half an ulp). `libm`'s compiles to one instruction where there is one.
 pub fn sqrt(value: f32) -> f32 {
     libm::sqrtf(value)
-}
-
-/// Natural logarithm, to 1 ulp.
-pub fn ln(value: f32) -> f32 {
-    libm::logf(value)
 }
 
 /// Mean square acceleration, (m/s²)², as a level in dB re 1 µm/s² (ISO 1683), for the eye: off by at most 1 dB.

@@ -227,11 +227,6 @@ impl<T: Real, const M: usize> Interaction<T, M> {
         })
     }
 
-    /// Steps made so far.
-    pub fn steps(&self) -> u32 {
-        self.steps
-    }
-
     /// Acceleration at observed sensor `channel`, m/s², positive up.
     pub fn acceleration_mps2(&self, channel: usize) -> T {
         self.bridge.sensors[channel].dot(&self.acceleration)

@@ -1,0 +1,163 @@
+//! Beams, trains and histories that the tests are made of.
+
+use super::*;
+
+/// Sensor place of mid-span: node 6 of 11.
+pub const MID_SPAN: usize = 5;
+
+/// A uniform, simply supported beam.
+#[derive(Clone, Copy)]
+pub struct Beam {
+    pub length_m: f64,
+    pub bending_stiffness_nm2: f64,
+    pub mass_kgpm: f64,
+    pub damping_ratio: f64,
+}
+
+pub const GIRDER50: Beam = Beam {
+    length_m: 50.0,
+    bending_stiffness_nm2: 1.55148e11,
+    mass_kgpm: 5000.0,
+    damping_ratio: 0.02,
+};
+
+impl Beam {
+    pub fn reduced(&self) -> ReducedBridge<f64> {
+        model::reduce::reduce(&BridgeFile {
+            name: "test beam".into(),
+            length_m: self.length_m,
+            elements: ELEMENTS,
+            mass_per_length_kgpm: self.mass_kgpm,
+            bending_stiffness_nm2: self.bending_stiffness_nm2,
+            supports: vec![1, ELEMENTS + 1],
+            damping_ratio: self.damping_ratio,
+            basis_modes: 8,
+        })
+        .expect("reduces")
+    }
+
+    /// Circular frequency of mode `k` (from 1) of the exact beam, rad/s.
+    pub fn omega(&self, k: usize) -> f64 {
+        (k as f64 * PI / self.length_m).powi(2) * (self.bending_stiffness_nm2 / self.mass_kgpm).sqrt()
+    }
+}
+
+pub fn damage(of: &[(usize, f64)]) -> Damage<f64> {
+    let mut damage = [0.0; ELEMENTS];
+    for &(element, loss) in of {
+        damage[element - 1] = loss;
+    }
+    damage
+}
+
+/// One wheel: a body of `body_kg` on a spring and damper above `unsprung_kg`; the car's second contact bears nothing.
+pub fn one_wheel(load_n: f64, body_kg: f64, stiffness_npm: f64, damping_nspm: f64, unsprung_kg: f64) -> Train<f64> {
+    let nothing = Contact {
+        behind_m: 0.0,
+        load_n: 0.0,
+        unsprung_kg: 0.0,
+        stiffness_npm: 0.0,
+        damping_nspm: 0.0,
+        lever: [0.0; CAR_DOFS],
+    };
+    let wheel = Contact {
+        load_n,
+        unsprung_kg,
+        stiffness_npm,
+        damping_nspm,
+        lever: [1.0, 0.0],
+        ..nothing
+    };
+    Train {
+        car: Car {
+            inertia: [body_kg, 1.0],
+            contacts: [wheel, nothing],
+        },
+        cars: 1,
+        pitch_m: 25.0,
+    }
+}
+
+pub fn inspection<T: Real>(cars: usize) -> Train<T> {
+    Train::of_kind(TrainKind::Inspection2Dof, cars).expect("1 to 16 cars")
+}
+
+pub fn run_at<T: Real>(speed_mps: f64, kinematics: Kinematics) -> Run<T> {
+    Run {
+        speed_mps: T::of(speed_mps),
+        entry_time_s: T::zero(),
+        load_factor: T::one(),
+        kinematics,
+    }
+}
+
+/// Displacement (m) and acceleration (m/s²) at `places`, a row a step, the first after one step.
+pub struct History {
+    pub displacement: Vec<[f64; 3]>,
+    pub acceleration: Vec<[f64; 3]>,
+}
+
+pub fn history<T: Real, const M: usize>(
+    modal: ModalBridge<T, M>,
+    train: Train<T>,
+    run: Run<T>,
+    step_s: f64,
+    steps: usize,
+) -> History {
+    let mut solver = Interaction::new(modal, train, run, T::of(step_s)).expect("a run");
+    let mut history = History {
+        displacement: vec![],
+        acceleration: vec![],
+    };
+    for _ in 0..steps {
+        solver.step();
+        history
+            .displacement
+            .push([0, 1, 2].map(|c| solver.displacement_m(c).into()));
+        history
+            .acceleration
+            .push([0, 1, 2].map(|c| solver.acceleration_mps2(c).into()));
+    }
+    history
+}
+
+/// Mid-span displacement, m, under `train` on an undamaged beam with `M` modes.
+pub fn mid_span<const M: usize>(
+    beam: &Beam,
+    train: Train<f64>,
+    run: Run<f64>,
+    step_s: f64,
+    duration_s: f64,
+) -> Vec<f64> {
+    let modal = ModalBridge::<f64, M>::new(&beam.reduced(), &[0.0; ELEMENTS], &[MID_SPAN]);
+    let steps = (duration_s / step_s).round() as usize;
+    history(modal, train, run, step_s, steps)
+        .displacement
+        .iter()
+        .map(|row| row[0])
+        .collect()
+}
+
+pub fn column(rows: &[[f64; 3]], channel: usize) -> Vec<f64> {
+    rows.iter().map(|row| row[channel]).collect()
+}
+
+pub fn relative_rms(found: &[f64], expected: &[f64]) -> f64 {
+    assert_eq!(found.len(), expected.len());
+    let difference: f64 = found.iter().zip(expected).map(|(f, e)| (f - e) * (f - e)).sum();
+    (difference / expected.iter().map(|e| e * e).sum::<f64>()).sqrt()
+}
+
+pub fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |largest, value| value.abs().max(largest))
+}
+
+/// Index and value of the lowest (most downward) displacement.
+pub fn lowest(values: &[f64]) -> (usize, f64) {
+    values
+        .iter()
+        .copied()
+        .enumerate()
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .expect("values")
+}

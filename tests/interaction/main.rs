@@ -1,0 +1,24 @@
+//! The interaction solver against closed forms, others' results, independent programs, and what symmetry demands.
+//!
+//! Closed forms come from simply supported uniform beams other than girder50; each is built here as a bridge file and
+//! reduced by the same program as any bridge.
+
+mod beams;
+mod demands;
+mod independent;
+mod limits;
+mod published;
+
+use std::f64::consts::PI;
+use std::path::PathBuf;
+
+use host_sim::model::{self, BridgeFile};
+use spanwatch::bridge::{Damage, ModalBridge, ReducedBridge};
+use spanwatch::capacity::{BASIS, CAR_DOFS, CONTACTS, ELEMENTS, MODES};
+use spanwatch::interaction::{Interaction, Kinematics, Run, SetupError};
+use spanwatch::math::Real;
+use spanwatch::recorder::{AntiAlias, AntiAliasState};
+use spanwatch::train::{Car, Contact, GRAVITY_MPS2, Train};
+use spanwatch::wire::message::TrainKind;
+
+use beams::*;
