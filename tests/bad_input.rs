@@ -43,6 +43,11 @@ fn refused(folder: &TempDir, arguments: &[&str], words: &[&str]) {
     assert_eq!(names(folder), before, "{arguments:?} has written something");
 }
 
+/// The header and as many rows of a recording.
+fn first_rows(csv: &str, rows: usize) -> String {
+    csv.lines().take(rows + 1).map(|line| format!("{line}\n")).collect()
+}
+
 fn names(folder: &TempDir) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(folder)
         .expect("a folder")
@@ -55,12 +60,6 @@ fn names(folder: &TempDir) -> Vec<String> {
 #[test]
 fn bad_recordings_are_refused_by_replay_and_by_identify() {
     let csv = shipped("case1-60kmh.csv");
-    let first_rows = |rows: usize| {
-        csv.lines()
-            .take(rows + 1)
-            .map(|line| format!("{line}\n"))
-            .collect::<String>()
-    };
     let cases: [(&str, String, String, &[&str]); 7] = [
         (
             "a missing column",
@@ -89,7 +88,7 @@ fn bad_recordings_are_refused_by_replay_and_by_identify() {
             TOML.replace("m/s2", "ft/s2"),
             &["ft/s2", "gal"],
         ),
-        ("no samples", first_rows(0), TOML.to_owned(), &["rec.csv"]),
+        ("no samples", first_rows(&csv, 0), TOML.to_owned(), &["rec.csv"]),
         (
             "an unknown bridge",
             csv.clone(),
@@ -123,14 +122,7 @@ fn bad_recordings_are_refused_by_replay_and_by_identify() {
 fn identify_says_what_it_needs() {
     let csv = shipped("case1-60kmh.csv");
     let folder = TempDir::new().expect("a folder");
-    fs::write(
-        folder.path().join("rec.csv"),
-        csv.lines()
-            .take(600)
-            .map(|line| format!("{line}\n"))
-            .collect::<String>(),
-    )
-    .expect("written");
+    fs::write(folder.path().join("rec.csv"), first_rows(&csv, 599)).expect("written");
     fs::write(folder.path().join("rec.toml"), TOML).expect("written");
     refused(&folder, &["identify", "rec.csv"], &["shorter than the passage"]);
     fs::write(folder.path().join("rec.toml"), TOML.replace("speed_kmh = 60.0\n", "")).expect("written");
@@ -148,14 +140,7 @@ fn identify_says_what_it_needs() {
 fn a_recording_that_ends_within_the_passage_is_replayed_and_not_taken_for_damage() {
     let csv = shipped("healthy-60kmh.csv");
     let folder = TempDir::new().expect("a folder");
-    fs::write(
-        folder.path().join("rec.csv"),
-        csv.lines()
-            .take(600)
-            .map(|line| format!("{line}\n"))
-            .collect::<String>(),
-    )
-    .expect("written");
+    fs::write(folder.path().join("rec.csv"), first_rows(&csv, 599)).expect("written");
     fs::write(folder.path().join("rec.toml"), TOML).expect("written");
     let output = host_sim(folder.path(), &["replay", "rec.csv", "--json"]);
     let text = String::from_utf8(output.stdout).expect("text");

@@ -2,11 +2,11 @@
 //!
 //! `sh tests/build-firmware.sh board-check` builds the image; without it these tests fail.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
-use host_sim::channel::Channel;
 use host_sim::channel::qemu::Qemu;
+use host_sim::channel::{Channel, built_image};
 use host_sim::image::Sizes;
 use spanwatch::link::{Health, Restart};
 
@@ -23,14 +23,6 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Fifty times the receive queue; QEMU passes some 20 000 bytes a second.
 const ECHO_BYTES: usize = 100_000;
 
-fn image(name: &str) -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"),
-        PathBuf::from,
-    );
-    target.join("thumbv7em-none-eabihf/firmware").join(name)
-}
-
 /// A board under test.
 struct Board {
     qemu: Qemu,
@@ -42,7 +34,7 @@ const RUN_BEGINS: &str = "started";
 
 impl Board {
     fn start(icount: bool) -> Self {
-        let qemu = Qemu::start(&image("board-check"), icount, false).unwrap();
+        let qemu = Qemu::start(&built_image("board-check"), icount, false).unwrap();
         let mut board = Self { qemu, runs: 0 };
         board.wait_for_next_run();
         board
@@ -134,7 +126,7 @@ fn a_fresh_board_starts_from_power_on_with_a_measured_stack() {
     let mut board = Board::start(false);
     let health = board.health();
     assert_eq!(health.restart, Restart::PowerOn);
-    let stack = Sizes::of(&image("board-check")).unwrap().stack;
+    let stack = Sizes::of(&built_image("board-check")).unwrap().stack;
     assert!(
         (1..stack).contains(&health.stack_peak_bytes.into()),
         "{health:?} of {stack}"

@@ -366,7 +366,7 @@ fn paper_ga_keeps_its_best_and_its_sizes() {
 fn micro_ga_keeps_its_best_its_budget_and_brings_strangers() {
     const _: () = assert!(micro_ga::POPULATION <= 10);
     const BUDGET: u32 = 3000;
-    let mut search = MicroGa::new(xoshiro(2), 0.0, BUDGET);
+    let mut search = MicroGa::new(xoshiro(2), BUDGET);
     let first = asked(&mut search, hill, 1);
     assert_eq!(first, [DamageCode::default()], "the undamaged bridge comes first");
     let mut best = search.best().1;
@@ -391,7 +391,7 @@ fn micro_ga_keeps_its_best_its_budget_and_brings_strangers() {
 #[test]
 fn searches_are_the_same_for_the_same_seed_and_not_for_another() {
     let paper = |seed| asked(&mut PaperGa::new(xoshiro(seed), 0.0), hill, 2000);
-    let micro = |seed| asked(&mut MicroGa::new(xoshiro(seed), 0.0, 500), hill, 2000);
+    let micro = |seed| asked(&mut MicroGa::new(xoshiro(seed), 500), hill, 2000);
     assert!(paper(1) == paper(1) && micro(1) == micro(1));
     assert!(paper(1) != paper(2) && micro(1) != micro(2));
 }
@@ -436,7 +436,7 @@ fn searches_run_on_any_generator_and_draw_from_no_other() {
     asked(&mut search, hill, usize::MAX);
     assert!(search.converged());
     let before = rng.draws;
-    asked(&mut MicroGa::new(&mut rng, 0.0, 100), hill, usize::MAX);
+    asked(&mut MicroGa::new(&mut rng, 100), hill, usize::MAX);
     assert!(rng.draws > before);
 }
 

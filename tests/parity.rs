@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use host_sim::channel::{Channel, InProcess, Qemu};
+use host_sim::channel::{Channel, InProcess, Qemu, built_image};
 use host_sim::replay::{self, Told};
 use host_sim::station::Station;
 use spanwatch::wire::message::{Event, Status};
@@ -78,16 +78,7 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
 
 #[test]
 fn the_image_in_qemu_sends_the_same_bytes_as_the_logger_in_this_process() {
-    let image = std::env::var_os("SPANWATCH_IMAGE").map_or_else(
-        || {
-            let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(
-                || Path::new(env!("CARGO_MANIFEST_DIR")).join("../target"),
-                PathBuf::from,
-            );
-            target.join("thumbv7em-none-eabihf/firmware/logger")
-        },
-        PathBuf::from,
-    );
+    let image = std::env::var_os("SPANWATCH_IMAGE").map_or_else(|| built_image("logger"), PathBuf::from);
     let recordings = ["healthy-60kmh.csv", "case1-60kmh.csv", "case4-60kmh-noise5-3nodes.csv"];
     let (here, alerts, _) = events(InProcess::new(), &recordings);
     assert_eq!(alerts, 2);

@@ -93,7 +93,7 @@ pub fn search(
             })
         }
         Method::MicroGa => {
-            let mut search = MicroGa::new(rng, 0.0, MICRO_BUDGET);
+            let mut search = MicroGa::new(rng, MICRO_BUDGET);
             run(problem, &mut search, known, step)
         }
         Method::Hybrid => {

@@ -22,11 +22,6 @@ pub fn colours_on_stderr() -> bool {
     std::io::stderr().is_terminal() && colours_wanted()
 }
 
-/// Whether results may be coloured: the same for standard output.
-pub fn colours_on_stdout() -> bool {
-    std::io::stdout().is_terminal() && colours_wanted()
-}
-
 fn colours_wanted() -> bool {
     let set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|term| term != "dumb")

@@ -110,7 +110,7 @@ impl Hybrid {
     /// An identification that has not begun.
     pub fn new(seed: u64) -> Self {
         Self {
-            search: MicroGa::new(Xoshiro128PlusPlus::seed_from_u64(seed), 0.0, BASIN_BUDGET),
+            search: MicroGa::new(Xoshiro128PlusPlus::seed_from_u64(seed), BASIN_BUDGET),
             refinement: None,
             best: None,
             round: 1,

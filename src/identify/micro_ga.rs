@@ -32,16 +32,13 @@ pub struct MicroGa<R: Rng> {
     /// Generations since the last improvement.
     stale: u32,
     restarts: u32,
-    limit: f32,
     budget: u32,
     solves: u32,
 }
 
 impl<R: Rng> MicroGa<R> {
-    /// A search that ends at a misfit below `limit`, (m/s²)², or after `budget` forward solves.
-    ///
-    /// The first population holds the undamaged bridge and strangers.
-    pub fn new(mut rng: R, limit: f32, budget: u32) -> Self {
+    /// A search that ends after `budget` forward solves. The first population holds the undamaged bridge and strangers.
+    pub fn new(mut rng: R, budget: u32) -> Self {
         let population = Population::new(core::array::from_fn(|i| match i {
             0 => DamageCode::default(),
             _ => stranger(&mut rng),
@@ -51,15 +48,9 @@ impl<R: Rng> MicroGa<R> {
             population,
             stale: 0,
             restarts: 0,
-            limit,
             budget,
             solves: 0,
         }
-    }
-
-    /// Whether the misfit fell below the limit.
-    pub fn converged(&self) -> bool {
-        self.population.best().1 < self.limit
     }
 
     /// Begins again among strangers only, without the best so far, for `solves` more.
@@ -132,7 +123,7 @@ fn stranger<R: Rng>(rng: &mut R) -> DamageCode {
 
 impl<R: Rng> CodeSearch for MicroGa<R> {
     fn ask(&mut self) -> Option<DamageCode> {
-        if self.converged() || self.solves >= self.budget {
+        if self.solves >= self.budget {
             return None;
         }
         if self.population.next().is_none() {

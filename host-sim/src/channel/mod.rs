@@ -6,7 +6,7 @@ pub mod serial;
 pub mod tcp;
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -57,8 +57,6 @@ impl FromStr for Via {
 pub struct QemuOptions {
     /// The image.
     pub image: PathBuf,
-    /// Count instructions instead of time.
-    pub count_instructions: bool,
     /// Print the logger's own log to standard error.
     pub show_log: bool,
 }
@@ -66,23 +64,24 @@ pub struct QemuOptions {
 impl Default for QemuOptions {
     fn default() -> Self {
         Self {
-            image: default_image(),
-            count_instructions: false,
+            image: built_image("logger"),
             show_log: false,
         }
     }
 }
 
-/// Where `tests/build-firmware.sh` leaves the image: in the folder that this program was built in, or else in `target`.
-pub fn default_image() -> PathBuf {
-    const IMAGE: &str = "thumbv7em-none-eabihf/firmware/logger";
-    let beside = std::env::current_exe().ok().and_then(|program| {
-        let built_in = program.parent()?.parent()?.join(IMAGE);
-        built_in.exists().then_some(built_in)
-    });
+/// Where `tests/build-firmware.sh` leaves the image of that name: in the folder that this program was built in, or else in
+/// `target`.
+pub fn built_image(name: &str) -> PathBuf {
+    let image = Path::new("thumbv7em-none-eabihf/firmware").join(name);
+    let program = std::env::current_exe().unwrap_or_default();
+    let beside = program
+        .ancestors()
+        .map(|folder| folder.join(&image))
+        .find(|path| path.exists());
     beside.unwrap_or_else(|| {
         let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
-        PathBuf::from(target).join(IMAGE)
+        PathBuf::from(target).join(image)
     })
 }
 
@@ -90,7 +89,7 @@ pub fn default_image() -> PathBuf {
 pub fn open(via: &Via, qemu: &QemuOptions) -> Result<Box<dyn Channel>> {
     Ok(match via {
         Via::InProcess => Box::new(InProcess::new()),
-        Via::Qemu => Box::new(Qemu::start(&qemu.image, qemu.count_instructions, qemu.show_log)?),
+        Via::Qemu => Box::new(Qemu::start(&qemu.image, false, qemu.show_log)?),
         Via::Tcp(address) => Box::new(Tcp::connect(address)?),
         Via::Serial(device) => Box::new(Serial::open(device)?),
     })

@@ -31,35 +31,30 @@ struct Shipped {
     truth: &'static [(usize, f64)],
 }
 
-macro_rules! recording {
-    ($stem:literal) => {
-        (
-            $stem,
-            include_str!(concat!("../../recordings/", $stem, ".csv")),
-            include_str!(concat!("../../recordings/", $stem, ".toml")),
-        )
+macro_rules! shipped {
+    ($stem:literal, $what:literal, $truth:expr) => {
+        Shipped {
+            stem: $stem,
+            csv: include_str!(concat!("../../recordings/", $stem, ".csv")),
+            toml: include_str!(concat!("../../recordings/", $stem, ".toml")),
+            what: $what,
+            truth: $truth,
+        }
     };
 }
 
-fn shipped() -> [Shipped; 2] {
-    let (stem, csv, toml) = recording!("healthy-60kmh-noise5-3nodes");
-    let healthy = Shipped {
-        stem,
-        csv,
-        toml,
-        what: "one inspection car at 60 km/h over the healthy girder, three sensors, 5 % noise",
-        truth: &[],
-    };
-    let (stem, csv, toml) = recording!("case4-60kmh-noise5-3nodes");
-    let damaged = Shipped {
-        stem,
-        csv,
-        toml,
-        what: "the same car, after element 1 has lost 21 % and element 5 41 % of their bending stiffness (the paper's case 4)",
-        truth: &[(1, 0.21), (5, 0.41)],
-    };
-    [healthy, damaged]
-}
+const SHIPPED: [Shipped; 2] = [
+    shipped!(
+        "healthy-60kmh-noise5-3nodes",
+        "one inspection car at 60 km/h over the healthy girder, three sensors, 5 % noise",
+        &[]
+    ),
+    shipped!(
+        "case4-60kmh-noise5-3nodes",
+        "the same car, after element 1 has lost 21 % and element 5 41 % of their bending stiffness (the paper's case 4)",
+        &[(1, 0.21), (5, 0.41)]
+    ),
+];
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let out = &arguments.out;
@@ -67,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut store = Store::open(&out.join("alerts.sqlite"))?;
     let mut station = Station::new(Box::new(InProcess::new()));
     super::print("A logger runs in this program; recorded passages reach it as raw counts in frames.\n")?;
-    for shipped in shipped() {
+    for shipped in SHIPPED {
         let prepared = unpack(out, &shipped)?;
         super::print(&format!("\n{}: {}\n", prepared.path.display(), shipped.what))?;
         let mut raised = None;

@@ -28,7 +28,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let image = arguments.image.clone().unwrap_or_else(channel::default_image);
+    let image = arguments
+        .image
+        .clone()
+        .unwrap_or_else(|| channel::built_image("logger"));
     let prepared = arguments
         .recordings
         .iter()

@@ -62,12 +62,7 @@ pub fn to_blob(bridge: &ReducedBridge<f64>) -> Result<Vec<u8>> {
     Ok(blob::write(&bridge.cast(), &mut buffer)?.to_vec())
 }
 
-/// The model in a file that `model build` has written.
-pub fn read_blob(path: &Path) -> Result<ReducedBridge<f32>> {
-    from_blob(&read_bytes(path)?).with_context(|| path.display().to_string())
-}
-
-/// The model in the bytes of such a file.
+/// The model in the bytes of a file that `model build` has written.
 pub fn from_blob(bytes: &[u8]) -> Result<ReducedBridge<f32>> {
     Ok(blob::read(bytes)?)
 }
