@@ -255,3 +255,26 @@ fn noisy_logger(mut line: std::net::TcpStream) {
         }
     }
 }
+
+#[test]
+fn a_place_where_no_alert_can_be_stored_is_refused_before_anything_is_replayed() {
+    let folder = TempDir::new().expect("a folder");
+    for name in ["case1-60kmh.csv", "case1-60kmh.toml"] {
+        fs::write(folder.path().join(name), shipped(name)).expect("written");
+    }
+    fs::write(
+        folder.path().join("notes.txt"),
+        "no database, but longer than the header of one would have to be, so that it is read: ",
+    )
+    .expect("written");
+    refused(
+        &folder,
+        &["replay", "case1-60kmh.csv", "--database", "notes.txt"],
+        &["notes.txt"],
+    );
+    refused(
+        &folder,
+        &["replay", "case1-60kmh.csv", "--database", "absent/x.sqlite"],
+        &["absent/x.sqlite"],
+    );
+}

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use clap::Args;
 use host_sim::channel::{self, QemuOptions, Via};
+use host_sim::output;
 use host_sim::replay::{self, Told};
 use host_sim::station::{Station, store::Store, words};
 use serde_json::json;
@@ -51,8 +52,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(image) = &arguments.image {
         qemu.image.clone_from(image);
     }
+    // An alert must not be lost because its file turns out to be no place for it; without an alert none is made.
+    let mut store = match arguments.database.exists() {
+        true => Some(Store::open(&arguments.database)?),
+        false => {
+            output::check(&arguments.database)?;
+            None
+        }
+    };
     let mut station = Station::new(channel::open(&arguments.via, &qemu)?);
-    let mut store = None;
     let (mut samples, mut passages, mut alerts) = (0, 0, 0);
     let mut last = None;
     for prepared in &prepared {
