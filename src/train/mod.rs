@@ -10,6 +10,8 @@
 //!
 //! `W_i` is the static load and `m_i` the mass that rides unsprung on the rail.
 
+pub mod track;
+
 use crate::capacity::{CAR_DOFS, CARS, CONTACTS};
 use crate::math::Real;
 use crate::wire::message::TrainKind;
