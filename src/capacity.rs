@@ -16,12 +16,16 @@ pub const SENSOR_PLACES: usize = PATH_NODES;
 pub const CHANNELS: usize = 3;
 /// Cars of a train.
 pub const CARS: usize = 16;
-/// Cars that touch a bridge at the same time.
+/// Kinds of car in a train on the logger.
+pub const CAR_KINDS: usize = 2;
+/// Cars that touch a bridge at the same time, on the logger.
 pub const CARS_ON_BRIDGE: usize = 4;
-/// Degrees of freedom of a car.
-pub const CAR_DOFS: usize = 2;
-/// Contact points of a car.
-pub const CONTACTS: usize = 2;
+/// Degrees of freedom of a car on the logger: bounce and pitch of a body and two bogies.
+pub const CAR_DOFS: usize = 6;
+/// Contacts of a car on the logger: four wheelsets in vertical motion.
+pub const CONTACTS: usize = 4;
+/// Springs inside a car: ten of a bogie car in space.
+pub const CAR_SPRINGS: usize = 10;
 /// Samples, counted over all channels, that a passage can hold: 92 s of one channel at 200 Hz, 30 s of three.
 pub const PASSAGE_SAMPLES: usize = 18_432;
 /// Samples from before a passage, counted over all channels: 1.7 s of three at 200 Hz.

@@ -17,12 +17,13 @@ use crate::bridge::ReducedBridge;
 use crate::capacity::{CARS, CHANNELS, ELEMENTS};
 use crate::identify::hybrid::HIDDEN;
 use crate::identify::{Hybrid, Identification, Problem};
-use crate::interaction::{Kinematics, Observation, Run, SetupError};
+use crate::interaction::simulation::Recorder;
+use crate::interaction::{Observation, Run, Scheme, SetupError};
 use crate::math::level_db;
 use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
-use crate::train::Train;
+use crate::train::PlanarTrain;
 use crate::wire::message::{
     Alert, Configuration, Event, Fit, PassageReport, Quality, Reason, Traffic, Trigger, Verdict,
 };
@@ -156,19 +157,19 @@ impl Configuration {
             .map(|channel| bridge.sensor_at(channel.node))
             .collect();
         let first_s = first_sample as f64 / f64::from(self.sample_rate_hz);
-        Ok(Observation {
-            train: Train::of_kind(traffic.train, traffic.cars.into()).ok_or(SetupError::Cars)?,
-            run: Run {
-                speed_mps: traffic.speed_mps,
-                entry_time_s: (traffic.entry_time_s - first_s) as f32,
-                load_factor: traffic.load_factor,
-                kinematics: Kinematics::Paper,
-            },
+        let train = PlanarTrain::of_kind(traffic.train, traffic.cars.into()).ok_or(SetupError::Cars)?;
+        let run = Run {
+            entry_time_s: (traffic.entry_time_s - first_s) as f32,
+            load_factor: traffic.load_factor,
+            ..Run::at(traffic.speed_mps)
+        };
+        let recorder = Recorder {
             places: places.ok_or(SetupError::NoSuchSensor)?,
             sample_rate_hz: self.sample_rate_hz,
             steps_per_sample: self.steps_per_sample(),
             antialias_hz: self.antialias_hz,
-        })
+        };
+        Observation::new(train, run, recorder, Scheme::Exact)
     }
 
     /// Steps of the solver from one sample to the next.
@@ -265,7 +266,7 @@ impl Logger {
         };
         let solves = work.search.forward_solves();
         let found = work.search.advance(&problem);
-        let samples = problem.recorded().len() as u64 * u64::from(work.observation.steps_per_sample);
+        let samples = problem.recorded().len() as u64 * u64::from(work.observation.recorder.steps_per_sample);
         let solves = u64::from(work.search.forward_solves().saturating_sub(solves));
         self.solver_steps = self.solver_steps.saturating_add(solves * samples);
         match found {

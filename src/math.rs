@@ -16,6 +16,8 @@ pub trait Real: RealField + Copy + Into<f64> {
     fn of(value: f64) -> Self;
     /// Sine and cosine of an angle in radians, to 1 ulp.
     fn sin_cos_exact(self) -> (Self, Self);
+    /// `exp(x) - 1`, to 1 ulp.
+    fn exp_m1_exact(self) -> Self;
 }
 
 impl Real for f32 {
@@ -25,6 +27,9 @@ impl Real for f32 {
     fn sin_cos_exact(self) -> (Self, Self) {
         libm::sincosf(self)
     }
+    fn exp_m1_exact(self) -> Self {
+        libm::expm1f(self)
+    }
 }
 
 impl Real for f64 {
@@ -33,6 +38,9 @@ impl Real for f64 {
     }
     fn sin_cos_exact(self) -> (Self, Self) {
         libm::sincos(self)
+    }
+    fn exp_m1_exact(self) -> Self {
+        libm::expm1(self)
     }
 }
 

@@ -1,8 +1,11 @@
 //! The recorder's chain, applied to a simulation so that it can be compared with a recording: a causal low-pass
 //! (4th-order Butterworth) before sampling.
 //!
-//! Two second-order sections, `Q = 1 / (2 cos(pi/8))` and `1 / (2 cos(3 pi/8))`, by the bilinear transform with the cut-off
-//! prewarped; transposed direct form II:
+//! Two second-order sections `H(s) = w^2 / (s^2 + 2 z w s + w^2)`, `z = cos(pi/8)` and `cos(3 pi/8)`. At the solver's step `h`
+//! each keeps the poles of the analogue one exactly, `exp(-z w h +- i w h sqrt(1 - z^2))`, and its three weights of the input are
+//! those that make it equal to the analogue section, in magnitude and phase, at 0 and at the cut-off. So the
+//! filter hardly depends on the step: below the cut-off of 40 Hz it differs from the analogue one by 0.1 % at 400 steps a second
+//! and by 0.02 % at 1000 (the bilinear transform: 6 and 1 %). Transposed direct form II:
 //!
 //! ```text
 //! y = b0 x + s1,   s1 = b1 x - a1 y + s2,   s2 = b2 x - a2 y,   a0 = 1
@@ -41,24 +44,10 @@ impl<T: Real> AntiAlias<T> {
         let Some(cutoff) = cutoff_hz.filter(|&f| f > T::zero() && f * step_s < half) else {
             return Self { sections: None };
         };
-        let (sin, cos) = (T::pi() * cutoff * step_s).sin_cos_exact();
-        let w = sin / cos;
-        let section = |pole_angle: T| {
-            let damping = T::of(2.0) * pole_angle.sin_cos_exact().1;
-            let norm = (T::one() + w * damping + w * w).recip();
-            let b0 = w * w * norm;
-            let two = T::of(2.0);
-            [
-                b0,
-                two * b0,
-                b0,
-                two * (w * w - T::one()) * norm,
-                (T::one() - w * damping + w * w) * norm,
-            ]
-        };
-        let eighth = T::pi() / T::of(8.0);
+        let step_s = step_s.into();
+        let angle = core::f64::consts::TAU * cutoff.into() * step_s;
         Self {
-            sections: Some([section(eighth), section(T::of(3.0) * eighth)]),
+            sections: Some([1.0, 3.0].map(|eighths| section(eighths * core::f64::consts::PI / 8.0, angle).map(T::of))),
         }
     }
 
@@ -76,37 +65,95 @@ impl<T: Real> AntiAlias<T> {
     }
 }
 
+/// The section whose analogue poles lie at `pole_angle` from the negative real axis, `angle` the cut-off's `w h`.
+fn section(pole_angle: f64, angle: f64) -> Section<f64> {
+    let (sqrt_rest, damping) = pole_angle.sin_cos_exact();
+    let radius = (-damping * angle).exp_m1_exact() + 1.0;
+    let (_, cos_pole) = (angle * sqrt_rest).sin_cos_exact();
+    let (a1, a2) = (-2.0 * radius * cos_pole, radius * radius);
+
+    // With z = exp(i angle): b0 + b1 / z + b2 / z^2 = H (1 + a1 / z + a2 / z^2), H = 1 / (2 i damping) at the cut-off, and
+    // b0 + b1 + b2 = 1 + a1 + a2.
+    let (sin, cos) = angle.sin_cos_exact();
+    let (sin2, cos2) = (2.0 * angle).sin_cos_exact();
+    let gain = 0.5 / damping;
+    // -i gain (p + i q) = gain q - i gain p.
+    let (p, q) = (1.0 + a1 * cos + a2 * cos2, -a1 * sin - a2 * sin2);
+    let (real, imaginary) = (gain * q, -gain * p);
+    let sum = 1.0 + a1 + a2;
+    // b1 (cos - 1) + b2 (cos2 - 1) = real - sum,   b1 sin + b2 sin2 = -imaginary
+    let (right1, right2) = (real - sum, -imaginary);
+    let determinant = (cos - 1.0) * sin2 - (cos2 - 1.0) * sin;
+    let b1 = (right1 * sin2 - (cos2 - 1.0) * right2) / determinant;
+    let b2 = ((cos - 1.0) * right2 - right1 * sin) / determinant;
+    [sum - b1 - b2, b1, b2, a1, a2]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Gain at `f` Hz, measured with a long sine.
-    fn gain(filter: &AntiAlias<f64>, f: f64, step: f64) -> f64 {
-        let mut state = AntiAliasState::default();
-        let (mut square, mut n) = (0.0, 0);
-        for k in 0..40_000 {
-            let y = filter.apply(
-                &mut state,
-                (core::f64::consts::TAU * f * k as f64 * step).sin_cos_exact().0,
-            );
-            if k > 20_000 {
-                square += y * y;
-                n += 1;
-            }
+    /// Response at `f` Hz of the filter at steps of `step`: real and imaginary part.
+    fn response(filter: &AntiAlias<f64>, f: f64, step: f64) -> [f64; 2] {
+        let (sin, cos) = (core::f64::consts::TAU * f * step).sin_cos_exact();
+        let times = |a: [f64; 2], b: [f64; 2]| [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
+        let back = [cos, -sin];
+        let back2 = times(back, back);
+        let mut all = [1.0, 0.0];
+        for [b0, b1, b2, a1, a2] in filter.sections.expect("a filter") {
+            let above = [b0 + b1 * back[0] + b2 * back2[0], b1 * back[1] + b2 * back2[1]];
+            let below = [1.0 + a1 * back[0] + a2 * back2[0], a1 * back[1] + a2 * back2[1]];
+            let square = below[0] * below[0] + below[1] * below[1];
+            all = times(all, times(above, [below[0] / square, -below[1] / square]));
         }
-        libm::sqrt(2.0 * square / f64::from(n))
+        all
+    }
+
+    /// Response of the analogue filter with cut-off `cutoff`.
+    fn analogue(f: f64, cutoff: f64) -> [f64; 2] {
+        let x = f / cutoff;
+        let mut all = [1.0, 0.0];
+        for eighths in [1.0, 3.0] {
+            let z = libm::cos(eighths * core::f64::consts::PI / 8.0);
+            let below = [1.0 - x * x, 2.0 * z * x];
+            let square = below[0] * below[0] + below[1] * below[1];
+            let section = [below[0] / square, -below[1] / square];
+            all = [
+                all[0] * section[0] - all[1] * section[1],
+                all[0] * section[1] + all[1] * section[0],
+            ];
+        }
+        all
     }
 
     #[test]
-    fn the_filter_is_a_fourth_order_butterworth() {
-        let step = 1e-3;
-        let filter = AntiAlias::new(Some(40.0), step);
-        let warp =
-            |f: f64| libm::tan(core::f64::consts::PI * f * step) / libm::tan(core::f64::consts::PI * 40.0 * step);
-        for f in [5.0, 20.0, 40.0, 80.0, 160.0] {
-            let exact = 1.0 / libm::sqrt(1.0 + libm::pow(warp(f), 8.0));
-            assert!((gain(&filter, f, step) - exact).abs() < 1e-4, "{f} Hz");
+    fn the_filter_is_the_analogue_fourth_order_butterworth_at_any_step() {
+        for (step, allowed) in [(1e-3, 2e-4), (2.5e-3, 2e-3), (5e-3, 3e-2)] {
+            let filter = AntiAlias::new(Some(40.0), step);
+            let worst = (0..=40).map(f64::from).fold(0.0_f64, |worst, f| {
+                let ([a, b], [c, d]) = (response(&filter, f, step), analogue(f, 40.0));
+                worst.max(libm::hypot(a - c, b - d))
+            });
+            assert!(worst < allowed, "step {step}: {worst}");
+            // It is a Butterworth: 3 dB at the cut-off.
+            let [re, im] = response(&filter, 40.0, step);
+            assert!((re * re + im * im - 0.5).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn its_recurrence_has_the_response_of_its_coefficients() {
+        let (step, f) = (2.5e-3, 25.0);
+        let filter = AntiAlias::new(Some(40.0), step);
+        let (mut state, mut square) = (AntiAliasState::default(), 0.0);
+        for k in 0..8000 {
+            let y = filter.apply(&mut state, (core::f64::consts::TAU * f * k as f64 * step).sin_cos_exact().0);
+            if k >= 4000 {
+                square += 2.0 * y * y / 4000.0;
+            }
+        }
+        let [re, im] = response(&filter, f, step);
+        assert!((square - re * re - im * im).abs() < 1e-9);
     }
 
     #[test]

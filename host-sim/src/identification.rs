@@ -9,8 +9,9 @@ use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Problem};
+use spanwatch::interaction::simulation::Recorder;
 use spanwatch::interaction::{Observation, Run};
-use spanwatch::train::Train;
+use spanwatch::train::PlanarTrain;
 
 use crate::replay::Prepared;
 use crate::simulate::{Scenario, simulate};
@@ -168,8 +169,14 @@ impl Observed {
     /// A simulated passage, solved in `f64`.
     pub fn simulated(bridge: &ReducedBridge<f32>, scenario: &Scenario) -> Result<Self> {
         let passage = simulate(&bridge.cast(), scenario)?;
-        let train = Train::of_kind(scenario.train, scenario.cars)
+        let train = PlanarTrain::of_kind(scenario.train, scenario.cars)
             .with_context(|| format!("there is no train of {} cars", scenario.cars))?;
+        let run = Run {
+            entry_time_s: scenario.lead_s as f32,
+            load_factor: scenario.load_factor as f32,
+            kinematics: scenario.kinematics,
+            ..Run::at((scenario.speed_kmh / 3.6) as f32)
+        };
         let interval_s = scenario.sample_interval_s();
         let places = (scenario.nodes.iter())
             .map(|&node| {
@@ -178,21 +185,15 @@ impl Observed {
                     .with_context(|| format!("the bridge has no node {node}"))
             })
             .collect::<Result<_>>()?;
+        let recorder = Recorder {
+            places,
+            sample_rate_hz: interval_s.recip() as f32,
+            steps_per_sample: (interval_s / scenario.step_s).round() as u32,
+            antialias_hz: scenario.antialias_hz.map(|hz| hz as f32),
+        };
         Ok(Self {
             bridge: bridge.clone(),
-            observation: Observation {
-                train,
-                run: Run {
-                    speed_mps: (scenario.speed_kmh / 3.6) as f32,
-                    entry_time_s: scenario.lead_s as f32,
-                    load_factor: scenario.load_factor as f32,
-                    kinematics: scenario.kinematics,
-                },
-                places,
-                sample_rate_hz: interval_s.recip() as f32,
-                steps_per_sample: (interval_s / scenario.step_s).round() as u32,
-                antialias_hz: scenario.antialias_hz.map(|hz| hz as f32),
-            },
+            observation: Observation::new(train, run, recorder, scenario.scheme)?,
             samples: (0..passage.channels[0].len())
                 .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
                 .collect(),
@@ -231,7 +232,7 @@ impl Observed {
             .observe(traffic, &bridge, 0)
             .with_context(|| name.to_string())?;
         let crossing_s =
-            f64::from(observation.train.length_m() + bridge.path.length_m()) / f64::from(traffic.speed_mps);
+            f64::from(observation.cars.train().length_m() + bridge.path.length_m()) / f64::from(traffic.speed_mps);
         let left_s = traffic.entry_time_s + crossing_s;
         // The last sample may come just before the moment at which the last axle leaves.
         if left_s > duration_s + 2.0 * prepared.recording.interval_s {
@@ -269,7 +270,7 @@ impl Observed {
     pub fn simulate(&self, damage: &Damage<f32>) -> Result<Vec<f32>> {
         let problem = self.problem();
         let mut simulation = problem.simulate(damage)?;
-        let channels = self.observation.places.len();
+        let channels = self.observation.recorder.places.len();
         let rows = problem.recorded().len();
         Ok((0..rows)
             .flat_map(|_| simulation.sample().into_iter().take(channels))

@@ -10,13 +10,19 @@ use anyhow::{Context, Result, anyhow, bail};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::bridge::{Damage, MAX_DAMAGE, ModalBridge, ReducedBridge};
-use spanwatch::capacity::{BASIS, CHANNELS, ELEMENTS};
-use spanwatch::interaction::{Interaction, Kinematics, Run};
+use spanwatch::capacity::{BASIS, CARS, CHANNELS, ELEMENTS};
+use spanwatch::interaction::{Interaction, Kinematics, Run, Scheme, TrainSteps};
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
-use spanwatch::train::Train;
+use spanwatch::train::stock::{SPATIAL_CONTACTS, SPATIAL_DOFS};
+use spanwatch::train::track::Smooth;
 use spanwatch::wire::message::TrainKind;
 
 use crate::recording::description::MAX_SPEED_KMH;
+use crate::train_name;
+
+/// The interaction in space, with room for all cars on the bridge.
+pub type SpatialInteraction<'a, B, R, const M: usize> =
+    Interaction<'a, f64, B, R, M, SPATIAL_DOFS, SPATIAL_CONTACTS, CARS>;
 
 /// Most solver steps of one passage: a minute's work. A passage that needs more has a slip in its speed or step.
 pub const MAX_STEPS: f64 = 2e7;
@@ -70,6 +76,8 @@ pub struct Scenario {
     pub tail_s: f64,
     /// How the rail's motion under a wheel is taken.
     pub kinematics: Kinematics,
+    /// How time is stepped.
+    pub scheme: Scheme,
 }
 
 impl Scenario {
@@ -92,6 +100,7 @@ impl Scenario {
             lead_s: 1.0,
             tail_s: 2.0,
             kinematics: Kinematics::Paper,
+            scheme: Scheme::AverageAcceleration,
         }
     }
 
@@ -232,27 +241,29 @@ pub fn simulate_reporting(
             })
         })
         .collect::<Result<Vec<usize>>>()?;
-    let train = Train::of_kind(scenario.train, scenario.cars).ok_or_else(|| {
+    let train = train_name::spatial(scenario.train, scenario.cars).ok_or_else(|| {
         anyhow!(
             "--cars must be 1 to {}, not {}",
-            spanwatch::capacity::CARS,
+            CARS,
             scenario.cars
         )
     })?;
     let speed_mps = scenario.speed_kmh / 3.6;
     let run = Run {
-        speed_mps,
         entry_time_s: scenario.lead_s,
         load_factor: scenario.load_factor,
         kinematics: scenario.kinematics,
+        ..Run::at(speed_mps)
     };
+    let length_m = bridge.path.length_m() + train.length_m();
+    let cars = TrainSteps::new(train, scenario.scheme, scenario.step_s)?;
     let modal = ModalBridge::<f64, BASIS>::new(bridge, &scenario.damage, &places).keep(scenario.modes);
     let steps_per_sample = scenario.steps_per_sample()?;
-    let mut interaction = Interaction::new(modal, train, run, scenario.step_s)?;
+    let mut interaction = SpatialInteraction::<ModalBridge<f64, BASIS>, Smooth, BASIS>::new(modal, Smooth, &cars, run)?;
     let filter = AntiAlias::new(scenario.antialias_hz, scenario.step_s);
     let mut states = [AntiAliasState::default(); CHANNELS];
 
-    let duration_s = scenario.lead_s + (train.length_m() + bridge.path.length_m()) / speed_mps + scenario.tail_s;
+    let duration_s = scenario.lead_s + length_m / speed_mps + scenario.tail_s;
     let intervals = duration_s / scenario.sample_interval_s();
     let steps = intervals * f64::from(steps_per_sample);
     if steps.is_nan() || steps > MAX_STEPS {

@@ -26,11 +26,11 @@ pub struct Problem<'a> {
 impl Problem<'_> {
     /// The recorded samples, one slice of channels each.
     pub fn recorded(&self) -> impl ExactSizeIterator<Item = &[f32]> {
-        self.samples.chunks_exact(self.observation.places.len().max(1))
+        self.samples.chunks_exact(self.observation.recorder.places.len().max(1))
     }
 
     /// The simulated passage for a damage pattern: one forward solve, as an endless row of samples.
-    pub fn simulate(&self, damage: &Damage<f32>) -> Result<Simulation<f32, MODES>, SetupError> {
+    pub fn simulate(&self, damage: &Damage<f32>) -> Result<Simulation<'_, f32, MODES>, SetupError> {
         Simulation::new(self.bridge, damage, self.observation)
     }
 

@@ -1,57 +1,78 @@
-//! Mode shapes under a wheel: exact Hermite beam shapes between the nodes of the path.
+//! What a bridge is to the solver: modes, and their shapes under a wheel.
 
 use nalgebra::SVector;
 
 use crate::bridge::ModalBridge;
 use crate::math::Real;
+use crate::train::Motion;
 
-/// Mode shapes and their first two derivatives along the path, at one point of it.
-#[derive(Debug, Clone, Copy)]
-pub struct Shape<T: Real, const M: usize> {
-    /// `phi`, kg^-1/2.
-    pub value: SVector<T, M>,
-    /// `d phi / dx`, kg^-1/2/m.
-    pub slope: SVector<T, M>,
-    /// `d2 phi / dx2`, kg^-1/2/m2.
-    pub curvature: SVector<T, M>,
+/// A bridge as `M` modes, mass-normalised, with their shapes along the way of the wheels.
+pub trait Modes<T: Real, const M: usize> {
+    /// Squared circular frequency of each mode, rad²/s².
+    fn omega_squared(&self) -> &SVector<T, M>;
+    /// Damping `2 xi omega` of each mode, 1/s.
+    fn damping(&self) -> &SVector<T, M>;
+    /// Length of the way, m.
+    fn length_m(&self) -> T;
+    /// Derivative of order `order` (0, 1 or 2) along the way of what a unit of each mode moves a wheelset by, at `x_m` from the
+    /// way's beginning: kg^-1/2 (rad kg^-1/2 in [`Motion::Roll`]) per m^order. Beyond an end, its value there.
+    fn shape(&self, motion: Motion, order: u8, x_m: T) -> SVector<T, M>;
 }
 
-impl<T: Real, const M: usize> ModalBridge<T, M> {
-    /// The shapes at `x_m` from node 1; none off the bridge.
-    pub fn shape_at(&self, x_m: T) -> Option<Shape<T, M>> {
-        let nodes = self.position_m.get(..self.nodes)?;
-        let span = nodes
-            .windows(2)
-            .position(|ends| matches!(ends, [a, b] if (*a..=*b).contains(&x_m)))?;
-        let ([a, b], [left, right]) = (
-            [*nodes.get(span)?, *nodes.get(span + 1)?],
-            [self.path.get(span)?, self.path.get(span + 1)?],
-        );
+/// Weights of the displacement and slope at the left and at the right end of a beam of length `length`, for the `order`-th
+/// derivative of its deflection at the part `s` of it: exact Hermite shapes.
+pub fn hermite<T: Real>(order: u8, s: T, length: T) -> [T; 4] {
+    let [n2, n3, n4, n6, n12] = [2.0, 3.0, 4.0, 6.0, 12.0].map(T::of);
+    let one = T::one();
+    let r = length.recip();
+    match order {
+        0 => {
+            let s2 = s * s;
+            let rise = s2 * (n3 - n2 * s);
+            let left = s - one;
+            [one - rise, length * s * left * left, rise, length * s2 * left]
+        }
+        1 => {
+            let fall = n6 * s * (s - one) * r;
+            [fall, one + s * (n3 * s - n4), -fall, s * (n3 * s - n2)]
+        }
+        _ => {
+            let bend = (n12 * s - n6) * r * r;
+            [bend, (n6 * s - n4) * r, -bend, (n6 * s - n2) * r]
+        }
+    }
+}
+
+impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
+    fn omega_squared(&self) -> &SVector<T, M> {
+        &self.omega_squared
+    }
+
+    fn damping(&self) -> &SVector<T, M> {
+        &self.damping
+    }
+
+    fn length_m(&self) -> T {
+        ModalBridge::length_m(self)
+    }
+
+    fn shape(&self, motion: Motion, order: u8, x_m: T) -> SVector<T, M> {
+        let nodes = self.position_m.get(..self.nodes).unwrap_or_default();
+        if motion != Motion::Vertical || nodes.len() < 2 {
+            return SVector::zeros();
+        }
+        // The last element whose beginning has been reached.
+        let inner = nodes.get(1..nodes.len() - 1).unwrap_or_default();
+        let span = inner.iter().take_while(|&&begin| begin <= x_m).count();
+        let (Some(&[a, b]), Some([left, right])) = (
+            nodes.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
+            self.path.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
+        ) else {
+            return SVector::zeros();
+        };
         let length = b - a;
-        let s = (x_m - a) / length;
-        let [n2, n3, n4, n6, n12] = [2.0, 3.0, 4.0, 6.0, 12.0].map(T::of);
-        let (s2, r) = (s * s, length.recip());
-        let one = T::one();
-        let blend = |w: [T; 4]| left[0] * w[0] + left[1] * w[1] + right[0] * w[2] + right[1] * w[3];
-        Some(Shape {
-            value: blend([
-                one - n3 * s2 + n2 * s2 * s,
-                length * s * (one - s) * (one - s),
-                s2 * (n3 - n2 * s),
-                length * s2 * (s - one),
-            ]),
-            slope: blend([
-                n6 * s * (s - one) * r,
-                one - n4 * s + n3 * s2,
-                n6 * s * (one - s) * r,
-                s * (n3 * s - n2),
-            ]),
-            curvature: blend([
-                (n12 * s - n6) * r * r,
-                (n6 * s - n4) * r,
-                (n6 - n12 * s) * r * r,
-                (n6 * s - n2) * r,
-            ]),
-        })
+        let part = ((x_m - a) / length).max(T::zero()).min(T::one());
+        let [w1, s1, w2, s2] = hermite(order, part, length);
+        SVector::from_fn(|k, _| left[0][k] * w1 + left[1][k] * s1 + right[0][k] * w2 + right[1][k] * s2)
     }
 }

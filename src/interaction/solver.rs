@@ -1,121 +1,89 @@
 //! One step of the coupled system: predict, eliminate the cars, solve for the bridge, give the cars theirs.
 //!
-//! With the predictors `q~ = q + h q' + h^2 (1/2 - beta) q''`, `q~' = q' + h (1 - gamma) q''` (the same for the cars' `y`),
-//! and `a`, `b` the unknown accelerations of bridge and car at the end of the step, contact `i` feels from the rail
+//! With the cars eliminated ([`car`](super::car)), contact `i` of a car bears on the rails with `F_i = F~_i - sum_j Z_ij w_j`, where
+//! `w_j = phi_j . a` is what the bridge's unknown accelerations `a` do to contact `j`. What is left is one symmetric system:
 //!
 //! ```text
-//! g_i = k u_i + c u_i'  = g~_i + G_i . a,   G_i = (beta h^2 k + gamma h c) phi_i + beta h^2 c v phi_i'
-//! u_i'' = u~_i'' + U_i . a,                 U_i = phi_i + 2 gamma h v phi_i' + beta h^2 v^2 phi_i''
-//! A b = sum_j s_j (g_j - f~_j),             A = M + gamma h C + beta h^2 K of the car,  f~_j = s_j . (k y~ + c y~')
-//! F_i = -W_i - m_i u_i'' + f~_i - g_i + (beta h^2 k + gamma h c) s_i . b
+//! (E + sum_cars sum_ij phi_i Z_ij phi_j^T) a = sum_i phi_i F~_i - c^ q~' - w^2 q~,    E = 1 + c^ h / 2 + beta (w h)^2
 //! ```
 //!
-//! so that `F_i = F~_i - R_i . a` with `R_i = m_i U_i + G_i - sum_j D_ij G_j` and the constant
-//! `D_ij = (beta h^2 k + gamma h c) s_i . A^-1 s_j`, and the bridge's equation is
+//! with `E`, `beta` and `c^` of each mode from [`scheme`](super::scheme). The rail as the contacts feel it is predicted with the cars'
+//! own `beta`; that differs from the modes' by some `h^3`, and keeps the matrix symmetric.
 //!
-//! ```text
-//! (1 + gamma h C + beta h^2 W) a + sum_i phi_i (R_i . a) = sum_i phi_i F~_i - C q~' - W q~
-//! ```
+//! A car on its approach feels the irregularity of the track but not the bridge. It is not stepped until its first
+//! wheelset reaches the bridge; its approach is made up for then, so that no memory is kept for cars that come later.
 //!
-//! Cost of a step with `m` modes and `n` contacts on the bridge, about: `m^3 / 3 + n (2 m^2 + 16 m)` multiplications.
-
-use core::fmt;
+//! Multiplications of a step with `m` modes, a car of `d` degrees of freedom and `s` springs, `n` contacts a car:
+//! `m^3 / 6` once, and for each car on the bridge `n m (m / 2 + n + 8) + d (d + 2 s + 5 n)`.
 
 use nalgebra::{SMatrix, SVector};
-use serde::{Deserialize, Serialize};
 
-use super::contact::Shape;
+use super::car::{CarState, CarSteps, Lead};
+use super::contact::Modes;
+use super::run::{Direction, Kinematics, Motion1d, Run, SetupError};
+use super::scheme::{CORNER_STEPS, ModeSteps, Scheme, corner};
 use crate::bridge::ModalBridge;
-use crate::capacity::{CAR_DOFS, CARS, CARS_ON_BRIDGE, CONTACTS};
 use crate::math::Real;
-use crate::train::Train;
+use crate::train::track::{Smooth, Track};
+use crate::train::{Car, Contact, Motion, Place, Train};
 
-/// Newmark's average acceleration.
-const BETA: f64 = 0.25;
-const GAMMA: f64 = 0.5;
-
-/// How a train runs over the bridge.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Run<T: Real> {
-    /// Speed, m/s.
-    pub speed_mps: T,
-    /// Time at which the first contact reaches node 1, s.
-    pub entry_time_s: T,
-    /// Scales the static loads.
-    pub load_factor: T,
-    /// What moves a wheel besides the rail's own motion.
-    pub kinematics: Kinematics,
+/// The cars of a train, ready for steps of one length: each kind's matrix is factorised once for all runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainSteps<T: Real, const D: usize, const C: usize, const K: usize> {
+    train: Train<T, D, C, K>,
+    kinds: heapless::Vec<CarSteps<T, D, C>, K>,
+    scheme: Scheme,
+    step_s: T,
 }
 
-/// How the rail's motion under a rolling wheel is taken.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Kinematics {
-    /// As the paper does (its coupling matrices in Eq. 45 are symmetric): `u' = phi . q'`, `u'' = phi . q''`.
-    #[default]
-    Paper,
-    /// The full derivatives along the wheel's way: the deflected rail is also a slope and a curve to roll over. For one
-    /// inspection car on girder50 at 60 km/h this changes the acceleration by 1 % (relative RMS), the displacement by
-    /// 0.02 %.
-    Convective,
-}
-
-/// Why a run cannot be solved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum SetupError {
-    /// Speed, load factor, entry time or step are not positive finite numbers (the entry may be any finite time).
-    NotFinite,
-    /// More cars than [`CARS`], or none.
-    Cars,
-    /// More cars touch the bridge at once than [`CARS_ON_BRIDGE`].
-    TooManyOnBridge,
-    /// A sensor sits where the bridge model has none.
-    NoSuchSensor,
-}
-
-impl fmt::Display for SetupError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotFinite => f.write_str("speed, load factor and step must be positive, the entry time finite"),
-            Self::Cars => write!(f, "a train has 1 to {CARS} cars"),
-            Self::TooManyOnBridge => write!(f, "more than {CARS_ON_BRIDGE} cars would be on the bridge at once"),
-            Self::NoSuchSensor => f.write_str("the bridge model has no sensor place at that node"),
+impl<T: Real, const D: usize, const C: usize, const K: usize> TrainSteps<T, D, C, K> {
+    /// Prepares `train` for steps of `step_s`.
+    ///
+    /// # Errors
+    /// [`SetupError`] says what is wrong with step or cars.
+    pub fn new(train: Train<T, D, C, K>, scheme: Scheme, step_s: T) -> Result<Self, SetupError> {
+        if !(step_s > T::zero() && step_s.is_finite()) {
+            return Err(SetupError::NotFinite);
         }
-    }
-}
-
-impl core::error::Error for SetupError {}
-
-/// Bounce and pitch of one car, with their rates.
-#[derive(Debug, Clone, Copy)]
-struct CarState<T: Real> {
-    position: [T; CAR_DOFS],
-    velocity: [T; CAR_DOFS],
-    acceleration: [T; CAR_DOFS],
-}
-
-impl<T: Real> CarState<T> {
-    fn at_rest() -> Self {
-        let zero = [T::zero(); CAR_DOFS];
-        Self {
-            position: zero,
-            velocity: zero,
-            acceleration: zero,
+        let ordered = train.cars.is_sorted_by(|a, b| a.behind_m <= b.behind_m);
+        if train.cars.is_empty() || !ordered || train.cars.iter().any(|place| place.kind >= train.kinds.len()) {
+            return Err(SetupError::Cars);
         }
+        let kinds = (train.kinds.iter())
+            .map(|car| CarSteps::new(car, scheme, step_s))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            train,
+            kinds,
+            scheme,
+            step_s,
+        })
     }
-}
 
-/// What a contact on the bridge adds to the step.
-#[derive(Debug, Clone, Copy)]
-struct Grip<T: Real, const M: usize> {
-    shape: Shape<T, M>,
-    /// `g~`: spring force from the predicted rail.
-    predicted_force: T,
-    /// `G`: what the bridge's accelerations add to it.
-    influence: SVector<T, M>,
+    /// The train.
+    pub fn train(&self) -> &Train<T, D, C, K> {
+        &self.train
+    }
+
+    /// Length of a step, s.
+    pub fn step_s(&self) -> T {
+        self.step_s
+    }
+
+    /// Whether more than `room` cars are on a bridge of `length_m` at once, `way_m` before and behind it included.
+    fn crowds(&self, room: usize, length_m: T, way_m: T) -> bool {
+        let cars = &self.train.cars;
+        cars.iter().enumerate().any(|(i, first)| {
+            let car = self.train.kinds.get(first.kind).map_or(T::zero(), Car::length_m);
+            let reach = first.behind_m + car + length_m + way_m + way_m;
+            cars.iter().skip(i).take_while(|other| other.behind_m <= reach).count() > room
+        })
+    }
 }
 
 /// The bridge with one damage pattern and a train running over it.
+///
+/// `M` modes, cars of `D` degrees of freedom and `C` contacts, at most `A` of them on the bridge at once.
 ///
 /// A slow car over one sine mode of a 50 m beam bends it nearly as its standing loads would. A standing train, though, is
 /// no run:
@@ -123,8 +91,9 @@ struct Grip<T: Real, const M: usize> {
 /// ```
 /// use nalgebra::SVector;
 /// use spanwatch::bridge::ModalBridge;
-/// use spanwatch::interaction::{Interaction, Kinematics, Run, SetupError};
-/// use spanwatch::train::Train;
+/// use spanwatch::interaction::{PlanarInteraction, Run, Scheme, SetupError, TrainSteps};
+/// use spanwatch::train::PlanarTrain;
+/// use spanwatch::train::track::Smooth;
 /// use spanwatch::wire::message::TrainKind;
 ///
 /// // m = 5000 kg/m, f1 = 3.5 Hz, mass-normalised: sqrt(2 / (m L)) sin(pi x / L), a node every 5 m, a sensor at mid-span.
@@ -140,93 +109,352 @@ struct Grip<T: Real, const M: usize> {
 ///     path: position_m.map(|x| [SVector::from([norm * (wave * x).sin()]), SVector::from([norm * wave * (wave * x).cos()])]),
 ///     sensors: [SVector::from([norm]); 3],
 /// };
-/// let train = Train::of_kind(TrainKind::Inspection2Dof, 1).expect("one car");
-/// let run = Run { speed_mps: 2.0, entry_time_s: 0.0, load_factor: 1.0, kinematics: Kinematics::Paper };
+/// let train = PlanarTrain::of_kind(TrainKind::Inspection2Dof, 1).expect("one car");
+/// let cars = TrainSteps::new(train, Scheme::Exact, 1e-3)?;
 ///
-/// let mut solver = Interaction::new(bridge.clone(), train, run, 1e-3)?;
+/// let mut solver = PlanarInteraction::new(bridge.clone(), Smooth, &cars, Run::at(2.0))?;
 /// let mut lowest_m = 0.0_f64;
 /// for _ in 0..34_000 {
 ///     solver.step();
 ///     lowest_m = lowest_m.min(solver.displacement_m(0));
 /// }
 /// // Its two loads at 8.75 m before and behind mid-span.
-/// let load_n = train.car.contacts[0].load_n;
+/// let load_n = cars.train().kinds[0].contacts[0].load_n;
 /// let standing_m = -2.0 * load_n * norm * norm * (wave * 8.75).cos() / omega_squared;
 /// assert!((lowest_m / standing_m - 1.0).abs() < 0.01);
 ///
-/// let standing = Interaction::new(bridge, train, Run { speed_mps: 0.0, ..run }, 1e-3);
+/// let standing = PlanarInteraction::new(bridge, Smooth, &cars, Run::at(0.0));
 /// assert_eq!(standing.err(), Some(SetupError::NotFinite));
 /// # Ok::<(), SetupError>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct Interaction<T: Real, const M: usize> {
-    bridge: ModalBridge<T, M>,
-    train: Train<T>,
+pub struct Interaction<'a, T: Real, B, R, const M: usize, const D: usize, const C: usize, const A: usize> {
+    bridge: B,
+    track: R,
+    kinds: &'a [Car<T, D, C>],
+    kind_steps: &'a [CarSteps<T, D, C>],
+    places: &'a [Place<T>],
     run: Run<T>,
     step_s: T,
     steps: u32,
-    /// `A^-1 s_j` of each contact (rows) of a car.
-    compliance: [[T; CAR_DOFS]; CONTACTS],
-    /// `1 + gamma h C + beta h^2 W` of each mode.
-    effective: SVector<T, M>,
+    modes: ModeSteps<T, M>,
+    contact_beta_h2: T,
+    /// Length of the bridge, m.
+    length_m: T,
+    /// Distance from an end of the bridge within which its shapes are rounded, m for each m/s.
+    corner_s: T,
     position: SVector<T, M>,
     velocity: SVector<T, M>,
     acceleration: SVector<T, M>,
-    /// States of the cars that touch the bridge, car `c` at place `c % CARS_ON_BRIDGE`.
-    cars: [CarState<T>; CARS_ON_BRIDGE],
-    /// Cars that have entered the bridge so far.
+    /// States of the cars that touch the bridge, car `c` at place `c % A`.
+    cars: [CarState<T, D>; A],
+    /// Cars that have reached the bridge so far.
     entered: usize,
 }
 
-impl<T: Real, const M: usize> Interaction<T, M> {
-    /// Bridge and train at rest at time 0, to be solved in steps of `step_s`. A train whose entry lies before time 0 stands
-    /// where its way has brought it, and its loads appear at once.
+/// The interaction as the logger has it: vertical motion on a girder with a smooth track.
+pub type PlanarInteraction<'a, T, const M: usize> = Interaction<
+    'a,
+    T,
+    ModalBridge<T, M>,
+    Smooth,
+    M,
+    { crate::capacity::CAR_DOFS },
+    { crate::capacity::CONTACTS },
+    { crate::capacity::CARS_ON_BRIDGE },
+>;
+
+/// What one car adds to a step of the bridge: the shapes under its contacts.
+type Shapes<T, const M: usize, const C: usize> = [SVector<T, M>; C];
+
+impl<'a, T, B, R, const M: usize, const D: usize, const C: usize, const A: usize> Interaction<'a, T, B, R, M, D, C, A>
+where
+    T: Real,
+    B: Modes<T, M>,
+    R: Track<T>,
+{
+    /// Bridge and train at rest at time 0. A train whose entry lies before time 0 stands where its way has brought it, and its
+    /// loads appear at once.
     ///
     /// # Errors
     /// [`SetupError`] says which of speed, load factor, times and cars cannot be solved.
-    pub fn new(bridge: ModalBridge<T, M>, train: Train<T>, run: Run<T>, step_s: T) -> Result<Self, SetupError> {
+    pub fn new<const K: usize>(
+        bridge: B,
+        track: R,
+        cars: &'a TrainSteps<T, D, C, K>,
+        run: Run<T>,
+    ) -> Result<Self, SetupError> {
         let positive = |value: T| value > T::zero() && value.is_finite();
-        if ![run.speed_mps, run.load_factor, step_s].into_iter().all(positive) || !run.entry_time_s.is_finite() {
+        if ![run.speed_mps, run.load_factor].into_iter().all(positive)
+            || ![run.entry_time_s, run.acceleration_mps2].into_iter().all(|value| value.is_finite())
+        {
             return Err(SetupError::NotFinite);
         }
-        if !(1..=CARS).contains(&train.cars) {
-            return Err(SetupError::Cars);
-        }
-        let touching = (bridge.length_m() + train.car.length_m()) / train.pitch_m;
-        if train.cars > CARS_ON_BRIDGE && touching >= T::of(CARS_ON_BRIDGE as f64) {
+        let (h, length_m) = (cars.step_s, bridge.length_m());
+        let corner_s = if cars.scheme.rounds_corners() { T::of(CORNER_STEPS) * h } else { T::zero() };
+        if cars.crowds(A, length_m, corner_s * run.speed_mps) {
             return Err(SetupError::TooManyOnBridge);
         }
-        let h = step_s;
-        let (beta_h2, gamma_h) = (T::of(BETA) * h * h, T::of(GAMMA) * h);
-        let contacts = &train.car.contacts;
-        let matrix = SMatrix::<T, CAR_DOFS, CAR_DOFS>::from_fn(|r, c| {
-            let inertia = if r == c { train.car.inertia[r] } else { T::zero() };
-            contacts.iter().fold(inertia, |sum, contact| {
-                let dynamic = beta_h2 * contact.stiffness_npm + gamma_h * contact.damping_nspm;
-                sum + dynamic * contact.lever[r] * contact.lever[c]
-            })
-        });
-        let inverse = matrix.cholesky().ok_or(SetupError::NotFinite)?;
-        let compliance = contacts.map(|contact| inverse.solve(&SVector::from(contact.lever)).into());
-        let effective = bridge
-            .omega_squared
-            .zip_map(&bridge.damping, |w2, c| T::one() + gamma_h * c + beta_h2 * w2);
-        Ok(Self {
+        let this = Self {
+            modes: ModeSteps::new(cars.scheme, h, bridge.omega_squared(), bridge.damping()),
+            contact_beta_h2: cars.scheme.contact_beta::<T>() * h * h,
             bridge,
-            train,
+            track,
+            kinds: &cars.train.kinds,
+            kind_steps: &cars.kinds,
+            places: &cars.train.cars,
             run,
-            step_s,
+            step_s: h,
             steps: 0,
-            compliance,
-            effective,
+            length_m,
+            corner_s,
             position: SVector::zeros(),
             velocity: SVector::zeros(),
             acceleration: SVector::zeros(),
-            cars: [CarState::at_rest(); CARS_ON_BRIDGE],
+            cars: [CarState::at_rest(); A],
             entered: 0,
+        };
+        let last = length_m + cars.train.length_m();
+        if [this.first_way().unwrap_or(T::zero()), last].into_iter().any(|way| run.time_at_s(way).is_none()) {
+            return Err(SetupError::Stops);
+        }
+        Ok(this)
+    }
+
+    /// Modal displacements, kg^1/2 m.
+    pub fn position(&self) -> &SVector<T, M> {
+        &self.position
+    }
+
+    /// Modal velocities, kg^1/2 m/s.
+    pub fn velocity(&self) -> &SVector<T, M> {
+        &self.velocity
+    }
+
+    /// Modal accelerations, kg^1/2 m/s².
+    pub fn acceleration(&self) -> &SVector<T, M> {
+        &self.acceleration
+    }
+
+    /// The bridge.
+    pub fn bridge(&self) -> &B {
+        &self.bridge
+    }
+
+    /// Advances by one step.
+    pub fn step(&mut self) {
+        self.steps += 1;
+        let h = self.step_s;
+        let half_h = T::of(0.5) * h;
+        let half_h2 = half_h * h;
+
+        // The bridge, predicted: as the contacts feel it, and as its modes go.
+        let drift = self.position + self.velocity * h;
+        let felt = drift + self.acceleration * (half_h2 - self.contact_beta_h2);
+        self.position = drift + self.acceleration.zip_map(&self.modes.beta_h2, |a, beta_h2| a * (half_h2 - beta_h2));
+        self.velocity += self.acceleration * half_h;
+        let mut force = -(self.modes.damping.component_mul(&self.velocity)
+            + self.bridge.omega_squared().component_mul(&self.position));
+        let mut matrix = SMatrix::<T, M, M>::from_diagonal(&self.modes.effective);
+
+        // The cars on it: predicted, and eliminated.
+        let now = self.run.after(self.steps as i32, h);
+        let corner_m = self.corner_s * now.speed_mps;
+        let mut shapes: [Shapes<T, M, C>; A] = [[SVector::zeros(); C]; A];
+        let mut aboard = 0..0;
+        let (kinds, places) = (self.kinds, self.places);
+        for (index, place) in places.iter().enumerate() {
+            let front = now.way_m - place.behind_m;
+            if front < -corner_m {
+                break;
+            }
+            let Some(car) = kinds.get(place.kind) else { continue };
+            // Until its last contact has left: on a bridge shorter than the car, the body swings on while none touches.
+            if front - car.length_m() > self.length_m + corner_m {
+                continue;
+            }
+            if index >= self.entered {
+                self.cars[index % A] = self.approach(place);
+                self.entered = index + 1;
+            }
+            let first = if aboard.is_empty() { index } else { aboard.start };
+            aboard = first..index + 1;
+            let Some(shapes) = shapes.get_mut(index - first) else { break };
+            self.couple(index, car, front, now.speed_mps, &felt, shapes, &mut matrix, &mut force);
+        }
+
+        if aboard.is_empty() {
+            self.acceleration = force.component_div(&self.modes.effective);
+        } else {
+            solve(&mut matrix, &mut force);
+            self.acceleration = force;
+        }
+        for (position, (&a, &beta_h2)) in (self.position.iter_mut()).zip(self.acceleration.iter().zip(self.modes.beta_h2.iter())) {
+            *position += a * beta_h2;
+        }
+        self.velocity += self.acceleration * half_h;
+
+        for (shapes, index) in shapes.iter().zip(aboard) {
+            let Some(place) = places.get(index) else { continue };
+            let (Some(car), Some(steps)) = (kinds.get(place.kind), self.kind_steps.get(place.kind)) else {
+                continue;
+            };
+            let w = core::array::from_fn(|i| shapes.get(i).map_or(T::zero(), |shape| shape.dot(&self.acceleration)));
+            steps.correct(car.contacts.len(), &mut self.cars[index % A], &w);
+        }
+    }
+
+    /// Predicts a car whose front is `front` m from the end that it enters by, and adds it to the bridge's equations.
+    #[allow(clippy::too_many_arguments)]
+    fn couple(
+        &mut self,
+        index: usize,
+        car: &Car<T, D, C>,
+        front: T,
+        speed: T,
+        felt: &SVector<T, M>,
+        shapes: &mut Shapes<T, M, C>,
+        matrix: &mut SMatrix<T, M, M>,
+        force: &mut SVector<T, M>,
+    ) {
+        let mut leads = [Lead::still(); C];
+        let mut on = [false; C];
+        for (((contact, shape), lead), on) in (car.contacts.iter()).zip(shapes.iter_mut()).zip(&mut leads).zip(&mut on) {
+            let way = front - contact.behind_m;
+            *lead = self.irregularity(contact.motion, way, speed);
+            let corner_m = self.corner_s * speed;
+            *on = (-corner_m..=self.length_m + corner_m).contains(&way);
+            if !*on {
+                continue;
+            }
+            *shape = self.shape(contact, way, speed);
+            lead.place += shape.dot(felt);
+            lead.rate += shape.dot(&self.velocity);
+            if self.run.kinematics == Kinematics::Convective {
+                self.roll_over(contact, way, speed, felt, lead);
+            }
+        }
+        let Some(steps) = self.places.get(index).and_then(|place| self.kind_steps.get(place.kind)) else {
+            return;
+        };
+        let mut loads = [T::zero(); C];
+        steps.predict(car, &mut self.cars[index % A], &leads, &mut loads);
+
+        let contacts = car.contacts.len();
+        for i in (0..contacts).filter(|&i| on[i]) {
+            let load = loads[i] - self.run.load_factor * car.contacts[i].load_n;
+            force.axpy(load, &shapes[i], T::one());
+            let mut row = SVector::<T, M>::zeros();
+            for (j, shape) in shapes.iter().enumerate().take(contacts).filter(|&(j, _)| on[j]) {
+                row.axpy(steps.impedance[(i, j)], shape, T::one());
+            }
+            for c in 0..M {
+                let factor = shapes[i][c];
+                for r in 0..=c {
+                    matrix[(r, c)] += row[r] * factor;
+                }
+            }
+        }
+    }
+
+    /// The shape under a contact `way` m from the end that the train enters by.
+    fn shape(&self, contact: &Contact<T, D>, way: T, speed: T) -> SVector<T, M> {
+        let mut shape = self.bridge.shape(contact.motion, 0, self.along(way));
+        let corner_m = self.corner_s * speed;
+        let from_end = way.min(self.length_m - way);
+        if from_end < corner_m {
+            let step_m = speed * self.step_s;
+            let end = if way < self.length_m - way { T::zero() } else { self.length_m };
+            let inward = if self.along(end) == T::zero() { T::one() } else { -T::one() };
+            let slope = self.bridge.shape(contact.motion, 1, self.along(end));
+            if from_end < T::zero() {
+                shape = self.bridge.shape(contact.motion, 0, self.along(end));
+            }
+            shape.axpy(inward * step_m * corner(from_end / step_m), &slope, T::one());
+        }
+        shape
+    }
+
+    /// What the deflected rail's slope and curve do to a wheel that rolls over it, from the state as it is predicted.
+    fn roll_over(&self, contact: &Contact<T, D>, way: T, speed: T, felt: &SVector<T, M>, lead: &mut Lead<T>) {
+        let half_h = T::of(0.5) * self.step_s;
+        let (along, x) = (self.signed(speed), self.along(way));
+        let [slope, curvature] = [1, 2].map(|order| self.bridge.shape(contact.motion, order, x));
+        // The accelerations at the end of the step are not known yet; those at its beginning stand in.
+        let rate = slope.dot(&self.velocity) + half_h * slope.dot(&self.acceleration);
+        let incline = slope.dot(felt);
+        lead.rate += along * incline;
+        lead.acceleration += T::of(2.0) * along * rate
+            + along * along * curvature.dot(felt)
+            + self.signed(self.run.acceleration_mps2) * incline;
+    }
+
+    /// What the irregularity does to a contact `way` m from the end that the train enters by.
+    fn irregularity(&self, motion: Motion, way: T, speed: T) -> Lead<T> {
+        let r = self.track.at(motion, self.along(way));
+        let along = self.signed(speed);
+        Lead {
+            place: r.value,
+            rate: along * r.slope,
+            acceleration: along * along * r.curvature + self.signed(self.run.acceleration_mps2) * r.slope,
+        }
+    }
+
+    /// State of a car that has just reached the bridge, after its approach over the irregular track.
+    fn approach(&self, place: &Place<T>) -> CarState<T, D> {
+        let mut state = CarState::at_rest();
+        let (Some(begin), Some(car), Some(steps)) =
+            (self.first_way(), self.kinds.get(place.kind), self.kind_steps.get(place.kind))
+        else {
+            return state;
+        };
+        let Some(start_s) = self.run.time_at_s(begin + place.behind_m) else {
+            return state;
+        };
+        let first: f64 = (start_s / self.step_s).floor().into();
+        for step in first as i32..self.steps as i32 {
+            let Motion1d { way_m, speed_mps } = self.run.after(step, self.step_s);
+            let mut leads = [Lead::still(); C];
+            for (contact, lead) in car.contacts.iter().zip(&mut leads) {
+                *lead = self.irregularity(contact.motion, way_m - place.behind_m - contact.behind_m, speed_mps);
+            }
+            steps.predict(car, &mut state, &leads, &mut [T::zero(); C]);
+            steps.correct(0, &mut state, &[T::zero(); C]);
+        }
+        state
+    }
+
+    /// Where the irregularity begins, m from the end that the train enters by; none on a smooth track.
+    fn first_way(&self) -> Option<T> {
+        let [begin, end] = self.track.extent_m()?;
+        Some(match self.run.direction {
+            Direction::Forward => begin,
+            Direction::Backward => self.length_m - end,
         })
     }
 
+    /// From the distance to the end that the train enters by to the bridge's coordinate.
+    fn along(&self, way: T) -> T {
+        match self.run.direction {
+            Direction::Forward => way,
+            Direction::Backward => self.length_m - way,
+        }
+    }
+
+    /// A speed or acceleration of the train in the bridge's coordinate.
+    fn signed(&self, speed: T) -> T {
+        match self.run.direction {
+            Direction::Forward => speed,
+            Direction::Backward => -speed,
+        }
+    }
+}
+
+impl<T, R, const M: usize, const D: usize, const C: usize, const A: usize>
+    Interaction<'_, T, ModalBridge<T, M>, R, M, D, C, A>
+where
+    T: Real,
+{
     /// Acceleration at observed sensor `channel`, m/s², positive up.
     pub fn acceleration_mps2(&self, channel: usize) -> T {
         self.bridge.sensors[channel].dot(&self.acceleration)
@@ -236,167 +464,15 @@ impl<T: Real, const M: usize> Interaction<T, M> {
     pub fn displacement_m(&self, channel: usize) -> T {
         self.bridge.sensors[channel].dot(&self.position)
     }
-
-    /// Advances by one step.
-    pub fn step(&mut self) {
-        self.steps += 1;
-        let h = self.step_s;
-        let (beta_h2, gamma_h) = (T::of(BETA) * h * h, T::of(GAMMA) * h);
-        let rest_h2 = T::of(0.5 - BETA) * h * h;
-        let rest_h = T::of(1.0 - GAMMA) * h;
-
-        // The bridge, predicted.
-        self.position += self.velocity * h + self.acceleration * rest_h2;
-        self.velocity += self.acceleration * rest_h;
-        let mut force = -(self.bridge.damping.component_mul(&self.velocity)
-            + self.bridge.omega_squared.component_mul(&self.position));
-        let mut matrix = SMatrix::<T, M, M>::from_diagonal(&self.effective);
-
-        // The cars on it: predicted, and eliminated.
-        let speed = self.run.speed_mps;
-        let front = T::of(f64::from(self.steps)) * (speed * h) - speed * self.run.entry_time_s;
-        let mut grips: [[Option<Grip<T, M>>; CONTACTS]; CARS_ON_BRIDGE] = [[None; CONTACTS]; CARS_ON_BRIDGE];
-        let mut aboard = 0..0;
-        let (length, car_length) = (self.bridge.length_m(), self.train.car.length_m());
-        for car in 0..self.train.cars.min(CARS) {
-            let car_front = front - self.train.pitch_m * T::of(car as f64);
-            if car_front < T::zero() {
-                break;
-            }
-            // Until its last contact has left: on a bridge shorter than the car, the body swings on while none touches.
-            if car_front - car_length > length {
-                continue;
-            }
-            if car >= self.entered {
-                self.cars[car % CARS_ON_BRIDGE] = CarState::at_rest();
-                self.entered = car + 1;
-            }
-            let on: [Option<Shape<T, M>>; CONTACTS] =
-                core::array::from_fn(|i| self.bridge.shape_at(car_front - self.train.car.contacts[i].behind_m));
-            let first = if aboard.is_empty() { car } else { aboard.start };
-            aboard = first..car + 1;
-            let Some(grip) = grips.get_mut(car - first) else { break };
-            self.couple(car, &on, grip, &mut matrix, &mut force);
-        }
-
-        if aboard.is_empty() {
-            self.acceleration = force.component_div(&self.effective);
-        } else {
-            solve(&mut matrix, &mut force);
-            self.acceleration = force;
-        }
-        self.position += self.acceleration * beta_h2;
-        self.velocity += self.acceleration * gamma_h;
-
-        for (grip, car) in grips.iter().zip(aboard) {
-            self.release(car, grip);
-        }
-    }
-
-    /// Predicts car `car`, whose contacts stand `on` the bridge, and adds it to the bridge's equations.
-    fn couple(
-        &mut self,
-        car: usize,
-        on: &[Option<Shape<T, M>>; CONTACTS],
-        grips: &mut [Option<Grip<T, M>>; CONTACTS],
-        matrix: &mut SMatrix<T, M, M>,
-        force: &mut SVector<T, M>,
-    ) {
-        let h = self.step_s;
-        let v = match self.run.kinematics {
-            Kinematics::Paper => T::zero(),
-            Kinematics::Convective => self.run.speed_mps,
-        };
-        let (beta_h2, gamma_h) = (T::of(BETA) * h * h, T::of(GAMMA) * h);
-        let two = T::of(2.0);
-        let contacts = &self.train.car.contacts;
-
-        let state = &mut self.cars[car % CARS_ON_BRIDGE];
-        for d in 0..CAR_DOFS {
-            state.position[d] += h * (state.velocity[d] + T::of(0.5 - BETA) * h * state.acceleration[d]);
-            state.velocity[d] += T::of(1.0 - GAMMA) * h * state.acceleration[d];
-        }
-        // e~_i = f~_i - g~_i: what each spring would push with if nothing accelerated.
-        let mut push = [T::zero(); CONTACTS];
-        for (((contact, shape), grip), push) in contacts.iter().zip(on).zip(grips.iter_mut()).zip(&mut push) {
-            let (k, c) = (contact.stiffness_npm, contact.damping_nspm);
-            let rise = dot(&contact.lever, &state.position);
-            let rate = dot(&contact.lever, &state.velocity);
-            *push = k * rise + c * rate;
-            if let Some(shape) = shape {
-                let rail = shape.value.dot(&self.position);
-                let rail_rate = shape.value.dot(&self.velocity) + v * shape.slope.dot(&self.position);
-                let predicted_force = k * rail + c * rail_rate;
-                let influence = shape.value * (beta_h2 * k + gamma_h * c) + shape.slope * (beta_h2 * c * v);
-                *push -= predicted_force;
-                *grip = Some(Grip {
-                    shape: *shape,
-                    predicted_force,
-                    influence,
-                });
-            }
-        }
-        for (i, (contact, grip)) in contacts.iter().zip(grips.iter()).enumerate() {
-            let Some(Grip { shape, influence, .. }) = grip else {
-                continue;
-            };
-            let mass = contact.unsprung_kg;
-            let rail_acceleration =
-                two * v * shape.slope.dot(&self.velocity) + v * v * shape.curvature.dot(&self.position);
-            let mut load = push[i] - self.run.load_factor * contact.load_n - mass * rail_acceleration;
-            let mut row = shape.value * mass
-                + shape.slope * (two * gamma_h * v * mass)
-                + shape.curvature * (beta_h2 * v * v * mass)
-                + influence;
-            let dynamic = beta_h2 * contact.stiffness_npm + gamma_h * contact.damping_nspm;
-            for (j, other) in grips.iter().enumerate() {
-                let d = dynamic * dot(&contact.lever, &self.compliance[j]);
-                load -= d * push[j];
-                if let Some(other) = other {
-                    row -= other.influence * d;
-                }
-            }
-            *force += shape.value * load;
-            matrix.ger(T::one(), &shape.value, &row, T::one());
-        }
-    }
-
-    /// Gives car `car` its accelerations, the bridge's being known.
-    fn release(&mut self, car: usize, grips: &[Option<Grip<T, M>>; CONTACTS]) {
-        let h = self.step_s;
-        let state = &mut self.cars[car % CARS_ON_BRIDGE];
-        let mut acceleration = [T::zero(); CAR_DOFS];
-        for ((contact, grip), compliance) in self.train.car.contacts.iter().zip(grips).zip(&self.compliance) {
-            let rise = dot(&contact.lever, &state.position);
-            let rate = dot(&contact.lever, &state.velocity);
-            let rail = grip.map_or(T::zero(), |g| g.predicted_force + g.influence.dot(&self.acceleration));
-            let pull = rail - (contact.stiffness_npm * rise + contact.damping_nspm * rate);
-            for (a, &s) in acceleration.iter_mut().zip(compliance) {
-                *a += s * pull;
-            }
-        }
-        for (d, &a) in acceleration.iter().enumerate() {
-            state.position[d] += T::of(BETA) * h * h * a;
-            state.velocity[d] += T::of(GAMMA) * h * a;
-        }
-        state.acceleration = acceleration;
-    }
 }
 
-fn dot<T: Real, const N: usize>(a: &[T; N], b: &[T; N]) -> T {
-    a.iter().zip(b).fold(T::zero(), |sum, (&x, &y)| sum + x * y)
-}
-
-/// Solves `matrix x = rhs` in place by elimination without pivoting.
-///
-/// The matrix is the positive diagonal of the free bridge plus the positive shares of masses, springs and dampers on it;
-/// only the convective terms, some per cent of these, are not symmetric. So the pivots stay well above zero.
+/// Solves `matrix x = rhs` in place, `matrix` symmetric, positive and given by its upper triangle, by elimination.
 fn solve<T: Real, const M: usize>(matrix: &mut SMatrix<T, M, M>, rhs: &mut SVector<T, M>) {
     for p in 0..M {
         let inverse = matrix[(p, p)].recip();
         for r in p + 1..M {
-            let factor = matrix[(r, p)] * inverse;
-            for c in p + 1..M {
+            let factor = matrix[(p, r)] * inverse;
+            for c in r..M {
                 let above = matrix[(p, c)];
                 matrix[(r, c)] -= factor * above;
             }

@@ -1,146 +1,172 @@
-//! Trains: rows of cars, each a rigid body on springs and dampers above its contact points.
+//! Trains: rows of cars, each a few rigid bodies on springs and dampers above its wheelsets.
 //!
-//! A car's equations, about static equilibrium, with the spring of contact `i` stretched by `e_i = s_i . y - u_i`
-//! (`y`: the car's degrees of freedom, `u_i`: the rail under the contact, all positive up):
+//! A car's equations, about static equilibrium, are those of its springs. Spring `s` is stretched by
+//! `e_s = s . y` (inside the car) or `e_i = s_i . y - u_i` (above contact `i`), `y` the car's degrees of freedom and `u_i`
+//! one of the [motions](Motion) in which the rails lead the wheelset:
 //!
 //! ```text
-//! m_d y_d'' + sum_i s_id (k_i e_i + c_i e_i') = 0                               (paper's Eqs 1 to 8, 30)
-//! F_i = -W_i - m_i u_i'' + k_i e_i + c_i e_i'      force on the bridge, up      (paper's Eq. 32)
+//! m_d y_d'' + sum_s s_d (k_s e_s + c_s e_s') = 0                              (paper's Eqs 1 to 16, 30)
+//! F_i = -W_i - m_i u_i'' + k_i e_i + c_i e_i'      force (moment) on the rails   (Eqs 17 to 19, 31, 32)
 //! ```
 //!
-//! `W_i` is the static load and `m_i` the mass that rides unsprung on the rail.
+//! `W_i` is the static load and `m_i` the mass (moment of inertia) that rides unsprung on the rails. `F_i` works on `u_i`, so
+//! the coupled matrices are symmetric and no energy is made. The paper's Eq. 32 puts each side's spring force on
+//! that side's rail, which keeps the sum of the two but not the moment that the springs, farther apart than the rails,
+//! exert on the wheelset (Eq. 19); here the moment is kept. On equal rails the two are the same.
+//!
+//! [`stock`] has the cars that the program knows by name; the 2-DOF car and the 15-DOF car differ in their springs only.
 
+pub mod stock;
 pub mod track;
 
-use crate::capacity::{CAR_DOFS, CARS, CONTACTS};
+use heapless::Vec;
+
+use crate::capacity::{CAR_DOFS, CAR_KINDS, CAR_SPRINGS, CARS, CONTACTS};
 use crate::math::Real;
 use crate::wire::message::TrainKind;
+
+pub use track::Motion;
 
 /// Standard gravity, m/s² (ISO 80000-3).
 pub const GRAVITY_MPS2: f64 = 9.80665;
 
-/// One contact point of a car.
+/// A spring with a damper inside a car.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Contact<T: Real> {
-    /// Distance behind the car's first contact, m.
+pub struct Spring<T: Real, const D: usize> {
+    /// Stiffness, N/m (N m/rad).
+    pub stiffness: T,
+    /// Damping, N s/m (N m s/rad).
+    pub damping: T,
+    /// How far a unit of each degree of freedom stretches it.
+    pub lever: [T; D],
+}
+
+/// One motion of one wheelset: what rides on the rails there, and the spring above.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact<T: Real, const D: usize> {
+    /// Distance behind the car's first wheelset, m.
     pub behind_m: T,
-    /// Static load, N.
+    /// The motion.
+    pub motion: Motion,
+    /// Static load, N; zero but in [`Motion::Vertical`].
     pub load_n: T,
-    /// Mass that rides on the rail, kg.
-    pub unsprung_kg: T,
-    /// Stiffness of the spring above, N/m.
-    pub stiffness_npm: T,
-    /// Damping of the damper above, N s/m.
-    pub damping_nspm: T,
-    /// How far the spring's upper end rises for a unit of each degree of freedom (1, m).
-    pub lever: [T; CAR_DOFS],
+    /// Mass (kg; in [`Motion::Roll`] moment of inertia, kg m²) that rides on the rails.
+    pub unsprung: T,
+    /// The spring above; its lever is that of its upper end.
+    pub spring: Spring<T, D>,
 }
 
-/// A car: masses and contacts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Car<T: Real> {
-    /// Mass (kg) or moment of inertia (kg m²) of each degree of freedom.
-    pub inertia: [T; CAR_DOFS],
+/// A car of `D` degrees of freedom and at most `C` contacts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Car<T: Real, const D: usize, const C: usize> {
+    /// Mass (kg) or moment of inertia (kg m²) of each degree of freedom; 1 where there is none.
+    pub inertia: [T; D],
+    /// Springs inside the car.
+    pub springs: Vec<Spring<T, D>, CAR_SPRINGS>,
     /// Contacts, front first.
-    pub contacts: [Contact<T>; CONTACTS],
+    pub contacts: Vec<Contact<T, D>, C>,
 }
 
-/// Cars of one kind at equal distances.
+/// Where a car is in its train.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Train<T: Real> {
-    /// The kind of car.
-    pub car: Car<T>,
-    /// How many, 1 to [`CARS`].
-    pub cars: usize,
-    /// Distance from the first contact of one car to that of the next, m.
-    pub pitch_m: T,
+pub struct Place<T: Real> {
+    /// Index of the kind of car.
+    pub kind: usize,
+    /// Distance of its first wheelset behind the train's first, m.
+    pub behind_m: T,
 }
 
-impl<T: Real> Train<T> {
-    /// The train of `cars` cars of a kind that the logger knows; none if the number is not 1 to [`CARS`].
-    pub fn of_kind(kind: TrainKind, cars: usize) -> Option<Self> {
-        if !(1..=CARS).contains(&cars) {
-            return None;
+/// A train: the kinds of car in it, at most `K`, and the cars, front first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Train<T: Real, const D: usize, const C: usize, const K: usize> {
+    /// Kinds of car.
+    pub kinds: Vec<Car<T, D, C>, K>,
+    /// The cars.
+    pub cars: Vec<Place<T>, CARS>,
+}
+
+/// A train of the kind that a logger has memory for: vertical motion, a kind or two of car.
+pub type PlanarTrain<T> = Train<T, CAR_DOFS, CONTACTS, CAR_KINDS>;
+
+impl<T: Real, const D: usize, const C: usize, const K: usize> Train<T, D, C, K> {
+    /// `cars` equal cars, their first wheelsets `pitch_m` apart; none if the number is not 1 to [`CARS`].
+    pub fn uniform(car: Car<T, D, C>, cars: usize, pitch_m: T) -> Option<Self> {
+        let mut train = Self {
+            kinds: Vec::new(),
+            cars: Vec::new(),
+        };
+        train.kinds.push(car).ok()?;
+        for i in 0..cars {
+            let behind_m = pitch_m * T::of(i as f64);
+            train.cars.push(Place { kind: 0, behind_m }).ok()?;
         }
-        Some(match kind {
-            TrainKind::Inspection2Dof => Self {
-                car: inspection_car(),
-                cars,
-                pitch_m: T::of(25.0),
-            },
+        (cars > 0).then_some(train)
+    }
+
+    /// Distance from the first wheelset of the train to its last, m.
+    pub fn length_m(&self) -> T {
+        self.cars.iter().fold(T::zero(), |longest, place| {
+            let car = self.kinds.get(place.kind).map_or(T::zero(), Car::length_m);
+            longest.max(place.behind_m + car)
         })
     }
+}
 
-    /// Distance from the first contact of the train to its last, m.
-    pub fn length_m(&self) -> T {
-        self.pitch_m * T::of(self.cars as f64 - 1.0) + self.car.length_m()
+impl<T: Real> PlanarTrain<T> {
+    /// The train of `cars` cars of a kind that the logger knows; none if the number is not 1 to [`CARS`].
+    pub fn of_kind(kind: TrainKind, cars: usize) -> Option<Self> {
+        let car = match kind {
+            TrainKind::Inspection2Dof => stock::inspection(),
+            TrainKind::Shinkansen3d => stock::shinkansen_vertical(),
+        };
+        Self::uniform(car, cars, T::of(stock::PITCH_M))
     }
 }
 
-impl<T: Real> Car<T> {
-    /// Distance from the first contact to the last, m.
+impl<T: Real, const D: usize, const C: usize> Car<T, D, C> {
+    /// Distance from the first wheelset to the last, m.
     pub fn length_m(&self) -> T {
         self.contacts
             .iter()
             .fold(T::zero(), |longest, contact| longest.max(contact.behind_m))
     }
-}
 
-/// The two-degree-of-freedom inspection car of the paper's section 4.3: bounce and pitch of the body, on two contacts.
-///
-/// The paper gives no values for it. Declared: the body of its 3D car (Table 2) on the bogies' four upper springs;
-/// each bogie with its two wheelsets rides unsprung.
-fn inspection_car<T: Real>() -> Car<T> {
-    const BODY_N: f64 = 321.6e3;
-    const BOGIE_N: f64 = 25.9e3;
-    const WHEELSET_N: f64 = 8.8e3;
-    const BODY_PITCH_INERTIA_KGM2: f64 = 2512.6e3;
-    const HALF_BOGIE_DISTANCE_M: f64 = 8.75;
-    const UPPER_SPRING_NPM: f64 = 443e3;
-    const UPPER_DAMPER_NSPM: f64 = 21.6e3;
-    const RIDING_N: f64 = BOGIE_N + 2.0 * WHEELSET_N;
-
-    let contact = |ahead_m: f64| Contact {
-        behind_m: T::of(HALF_BOGIE_DISTANCE_M - ahead_m),
-        load_n: T::of(BODY_N / 2.0 + RIDING_N),
-        unsprung_kg: T::of(RIDING_N / GRAVITY_MPS2),
-        stiffness_npm: T::of(2.0 * UPPER_SPRING_NPM),
-        damping_nspm: T::of(2.0 * UPPER_DAMPER_NSPM),
-        lever: [T::one(), T::of(ahead_m)],
-    };
-    Car {
-        inertia: [T::of(BODY_N / GRAVITY_MPS2), T::of(BODY_PITCH_INERTIA_KGM2)],
-        contacts: [contact(HALF_BOGIE_DISTANCE_M), contact(-HALF_BOGIE_DISTANCE_M)],
+    /// Sum of the static loads, N.
+    pub fn weight_n(&self) -> T {
+        self.contacts.iter().fold(T::zero(), |sum, contact| sum + contact.load_n)
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+    /// Every spring of the car, those above the wheelsets with these held.
+    pub fn all_springs(&self) -> impl Iterator<Item = &Spring<T, D>> {
+        (self.springs.iter()).chain(self.contacts.iter().map(|contact| &contact.spring))
+    }
 
-    #[test]
-    fn the_inspection_car_has_its_declared_frequencies_and_weight() {
-        let train = Train::<f64>::of_kind(TrainKind::Inspection2Dof, 1).expect("one car");
-        let expected_hz = [1.1699, 1.1695];
-        for (dof, expected) in expected_hz.iter().enumerate() {
-            let stiffness: f64 = train
-                .car
-                .contacts
-                .iter()
-                .map(|c| c.stiffness_npm * c.lever[dof] * c.lever[dof])
-                .sum();
-            let hz = libm::sqrt(stiffness / train.car.inertia[dof]) / core::f64::consts::TAU;
-            assert!((hz - expected).abs() < 5e-5, "{hz}");
+    /// The same car in other degrees of freedom: `D2` of its own, chosen by their numbers, and the contacts of `motions`.
+    /// What is left must not be sprung against what is left out.
+    pub fn reduced<const D2: usize, const C2: usize>(&self, dofs: [usize; D2], motions: &[Motion]) -> Car<T, D2, C2> {
+        let at = |values: &[T; D]| dofs.map(|d| values.get(d).copied().unwrap_or(T::zero()));
+        let spring = |spring: &Spring<T, D>| Spring {
+            stiffness: spring.stiffness,
+            damping: spring.damping,
+            lever: at(&spring.lever),
+        };
+        let contact = |contact: &Contact<T, D>| Contact {
+            behind_m: contact.behind_m,
+            motion: contact.motion,
+            load_n: contact.load_n,
+            unsprung: contact.unsprung,
+            spring: spring(&contact.spring),
+        };
+        Car {
+            inertia: at(&self.inertia),
+            springs: (self.springs.iter().map(spring))
+                .filter(|spring| spring.lever.iter().any(|&lever| lever != T::zero()))
+                .collect(),
+            contacts: (self.contacts.iter())
+                .filter(|contact| motions.contains(&contact.motion))
+                .map(contact)
+                .take(C2)
+                .collect(),
         }
-        let load: f64 = train.car.contacts.iter().map(|c| c.load_n).sum();
-        assert!((load - (321.6e3 + 2.0 * 25.9e3 + 4.0 * 8.8e3)).abs() < 1e-6);
-    }
-
-    #[test]
-    fn a_train_has_one_to_sixteen_cars() {
-        assert!(Train::<f32>::of_kind(TrainKind::Inspection2Dof, 0).is_none());
-        assert!(Train::<f32>::of_kind(TrainKind::Inspection2Dof, 17).is_none());
-        let train = Train::<f32>::of_kind(TrainKind::Inspection2Dof, 16).expect("sixteen");
-        assert_eq!(train.length_m(), 15.0 * 25.0 + 17.5);
     }
 }

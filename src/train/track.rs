@@ -53,6 +53,16 @@ pub trait Track<T: Real> {
     fn at(&self, motion: Motion, x_m: T) -> Irregularity<T>;
 }
 
+impl<T: Real, R: Track<T> + ?Sized> Track<T> for &R {
+    fn extent_m(&self) -> Option<[T; 2]> {
+        (**self).extent_m()
+    }
+
+    fn at(&self, motion: Motion, x_m: T) -> Irregularity<T> {
+        (**self).at(motion, x_m)
+    }
+}
+
 /// A perfectly straight and level track.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Smooth;

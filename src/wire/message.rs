@@ -12,7 +12,7 @@ use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -137,6 +137,8 @@ pub struct Traffic {
 pub enum TrainKind {
     /// The paper's two-degree-of-freedom inspection car.
     Inspection2Dof,
+    /// The paper's 15-degree-of-freedom car.
+    Shinkansen3d,
 }
 
 /// A piece of the bridge model's blob; the pieces come in order.

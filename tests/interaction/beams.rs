@@ -50,44 +50,43 @@ pub fn damage(of: &[(usize, f64)]) -> Damage<f64> {
     damage
 }
 
-/// One wheel: a body of `body_kg` on a spring and damper above `unsprung_kg`; the car's second contact bears nothing.
-pub fn one_wheel(load_n: f64, body_kg: f64, stiffness_npm: f64, damping_nspm: f64, unsprung_kg: f64) -> Train<f64> {
-    let nothing = Contact {
-        behind_m: 0.0,
-        load_n: 0.0,
-        unsprung_kg: 0.0,
-        stiffness_npm: 0.0,
-        damping_nspm: 0.0,
-        lever: [0.0; CAR_DOFS],
-    };
+/// One wheel: a body of `body_kg` on a spring and damper above `unsprung_kg`.
+pub fn one_wheel(load_n: f64, body_kg: f64, stiffness_npm: f64, damping_nspm: f64, unsprung_kg: f64) -> PlanarTrain<f64> {
+    let mut lever = [0.0; CAR_DOFS];
+    lever[0] = 1.0;
     let wheel = Contact {
+        behind_m: 0.0,
+        motion: Motion::Vertical,
         load_n,
-        unsprung_kg,
-        stiffness_npm,
-        damping_nspm,
-        lever: [1.0, 0.0],
-        ..nothing
-    };
-    Train {
-        car: Car {
-            inertia: [body_kg, 1.0],
-            contacts: [wheel, nothing],
+        unsprung: unsprung_kg,
+        spring: Spring {
+            stiffness: stiffness_npm,
+            damping: damping_nspm,
+            lever,
         },
-        cars: 1,
-        pitch_m: 25.0,
-    }
+    };
+    let mut inertia = [1.0; CAR_DOFS];
+    inertia[0] = body_kg;
+    let car = Car {
+        inertia,
+        springs: heapless::Vec::new(),
+        contacts: [wheel].into_iter().collect(),
+    };
+    Train::uniform(car, 1, 25.0).expect("one car")
 }
 
-pub fn inspection<T: Real>(cars: usize) -> Train<T> {
+pub fn inspection<T: Real>(cars: usize) -> PlanarTrain<T> {
     Train::of_kind(TrainKind::Inspection2Dof, cars).expect("1 to 16 cars")
+}
+
+pub fn shinkansen<T: Real>(cars: usize) -> PlanarTrain<T> {
+    Train::of_kind(TrainKind::Shinkansen3d, cars).expect("1 to 16 cars")
 }
 
 pub fn run_at<T: Real>(speed_mps: f64, kinematics: Kinematics) -> Run<T> {
     Run {
-        speed_mps: T::of(speed_mps),
-        entry_time_s: T::zero(),
-        load_factor: T::one(),
         kinematics,
+        ..Run::at(T::of(speed_mps))
     }
 }
 
@@ -99,12 +98,25 @@ pub struct History {
 
 pub fn history<T: Real, const M: usize>(
     modal: ModalBridge<T, M>,
-    train: Train<T>,
+    train: impl Borrow<PlanarTrain<T>>,
     run: Run<T>,
     step_s: f64,
     steps: usize,
 ) -> History {
-    let mut solver = Interaction::new(modal, train, run, T::of(step_s)).expect("a run");
+    history_by(Scheme::AverageAcceleration, modal, train, run, step_s, steps)
+}
+
+/// The same by another scheme than the paper's.
+pub fn history_by<T: Real, const M: usize>(
+    scheme: Scheme,
+    modal: ModalBridge<T, M>,
+    train: impl Borrow<PlanarTrain<T>>,
+    run: Run<T>,
+    step_s: f64,
+    steps: usize,
+) -> History {
+    let cars = TrainSteps::new(train.borrow().clone(), scheme, T::of(step_s)).expect("a train");
+    let mut solver = PlanarInteraction::new(modal, Smooth, &cars, run).expect("a run");
     let mut history = History {
         displacement: vec![],
         acceleration: vec![],
@@ -124,7 +136,7 @@ pub fn history<T: Real, const M: usize>(
 /// Mid-span displacement, m, under `train` on an undamaged beam with `M` modes.
 pub fn mid_span<const M: usize>(
     beam: &Beam,
-    train: Train<f64>,
+    train: impl Borrow<PlanarTrain<f64>>,
     run: Run<f64>,
     step_s: f64,
     duration_s: f64,

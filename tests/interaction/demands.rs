@@ -62,8 +62,8 @@ fn energy_is_neither_made_nor_lost() {
     let (mut before, mut work) = ([0.0; 3], 0.0);
     let (mut worst_energy, mut largest_energy, mut worst_spring) = (0.0_f64, 0.0_f64, 0.0_f64);
     for n in 0..steps {
-        let shape = modal.shape_at((n + 1) as f64 * v * h).expect("on the bridge");
-        let (phi, slope) = (shape.value[0], shape.slope[0]);
+        let shape = |order| modal.shape(Motion::Vertical, order, (n + 1) as f64 * v * h)[0];
+        let (phi, slope) = (shape(0), shape(1));
         let (q, qdd) = (
             found.displacement[n][0] / at_sensor,
             found.acceleration[n][0] / at_sensor,

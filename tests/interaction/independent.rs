@@ -3,14 +3,20 @@
 use super::*;
 
 #[test]
-fn the_inspection_car_agrees_with_independent_histories() {
+fn both_cars_agree_with_independent_histories() {
     // Asked are 0.2 % of displacement and 1 % of acceleration. The two programs solve the same equations with the same
     // step, so only the files' eight digits and the two eigensolvers stand between them: 4e-6 measured.
     const SAME_EQUATIONS: f64 = 1e-4;
     let bridge = model::reduce::reduce(&model::shipped("girder50").expect("shipped")).expect("reduces");
-    for (file, damage) in [
-        ("r1_2dof_1car_60kmh_healthy.csv", damage(&[])),
-        ("r2_2dof_1car_60kmh_e1_21_e5_41.csv", damage(&[(1, 0.21), (5, 0.41)])),
+    for (file, train, speed_kmh, damage) in [
+        ("r1_2dof_1car_60kmh_healthy.csv", inspection(1), 60.0, damage(&[])),
+        (
+            "r2_2dof_1car_60kmh_e1_21_e5_41.csv",
+            inspection(1),
+            60.0,
+            damage(&[(1, 0.21), (5, 0.41)]),
+        ),
+        ("r3_3d_1car_120kmh_e5_11.csv", shinkansen(1), 120.0, damage(&[(5, 0.11)])),
     ] {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
             .join("../tests/data/reference")
@@ -23,8 +29,8 @@ fn the_inspection_car_agrees_with_independent_histories() {
         let modal = ModalBridge::<f64, MODES>::new(&bridge, &damage, &[2, 5, 8]);
         let found = history(
             modal,
-            inspection(1),
-            run_at(60.0 / 3.6, Kinematics::Paper),
+            &train,
+            run_at(speed_kmh / 3.6, Kinematics::Paper),
             1e-3,
             rows.len(),
         );
@@ -46,7 +52,7 @@ fn the_inspection_car_agrees_with_independent_histories() {
 /// solver, from forces and accelerations, as a check of its elimination. Gives mid-span acceleration at each step.
 fn runge_kutta<const N: usize>(
     beam: &Beam,
-    car: &Car<f64>,
+    car: &Car<f64, CAR_DOFS, CONTACTS>,
     run: &Run<f64>,
     step_s: f64,
     steps: usize,
@@ -89,15 +95,15 @@ fn runge_kutta<const N: usize>(
             let along = |s: &nalgebra::DVector<f64>, q: &[f64]| s.iter().zip(q).map(|(s, q)| s * q).sum::<f64>();
             let rail = along(&phi, q);
             let rail_rate = along(&phi, qd) + vc * along(&slope, q);
-            let rise: f64 = contact.lever.iter().zip(y).map(|(s, y)| s * y).sum();
-            let rate: f64 = contact.lever.iter().zip(yd).map(|(s, y)| s * y).sum();
-            let spring = contact.stiffness_npm * (rise - rail) + contact.damping_nspm * (rate - rail_rate);
-            for (a, s) in ydd.iter_mut().zip(&contact.lever) {
+            let rise: f64 = contact.spring.lever.iter().zip(y).map(|(s, y)| s * y).sum();
+            let rate: f64 = contact.spring.lever.iter().zip(yd).map(|(s, y)| s * y).sum();
+            let spring = contact.spring.stiffness * (rise - rail) + contact.spring.damping * (rate - rail_rate);
+            for (a, s) in ydd.iter_mut().zip(&contact.spring.lever) {
                 *a -= s * spring;
             }
             let known = 2.0 * vc * along(&slope, qd) + vc * vc * along(&curve, q);
-            force += &phi * (spring - run.load_factor * contact.load_n - contact.unsprung_kg * known);
-            matrix += &phi * phi.transpose() * contact.unsprung_kg;
+            force += &phi * (spring - run.load_factor * contact.load_n - contact.unsprung * known);
+            matrix += &phi * phi.transpose() * contact.unsprung;
         }
         for (a, m) in ydd.iter_mut().zip(&car.inertia) {
             *a /= m;
@@ -156,8 +162,8 @@ fn both_kinematics_agree_with_runge_and_kutta_on_sines() {
             let train = inspection::<f64>(1);
             let steps = ((train.length_m() + 50.0) / run.speed_mps / step_s) as usize + 500;
             let modal = ModalBridge::<f64, 3>::new(&GIRDER50.reduced(), &[0.0; ELEMENTS], &[MID_SPAN]);
-            let found = column(&history(modal, train, run, step_s, steps).acceleration, 0);
-            let expected = runge_kutta::<3>(&GIRDER50, &train.car, &run, step_s, steps, 4);
+            let found = column(&history(modal, &train, run, step_s, steps).acceleration, 0);
+            let expected = runge_kutta::<3>(&GIRDER50, &train.kinds[0], &run, step_s, steps, 4);
             let error = relative_rms(&found, &expected);
             println!("{kinematics:?}, {speed_kmh} km/h: acceleration {error:.1e}");
             assert!(error < STEP_ERROR, "{kinematics:?} {speed_kmh}: {error}");
@@ -178,8 +184,8 @@ fn a_car_longer_than_the_bridge_swings_on_while_no_wheel_touches_it() {
     let (run, train, step_s) = (run_at(20.0, Kinematics::Paper), inspection::<f64>(1), 2.5e-4);
     let modal = ModalBridge::<f64, 2>::new(&short.reduced(), &[0.0; ELEMENTS], &[MID_SPAN]);
     let steps = (2.0 / step_s) as usize;
-    let found = column(&history(modal, train, run, step_s, steps).acceleration, 0);
-    let expected = runge_kutta::<2>(&short, &train.car, &run, step_s, steps, 4);
+    let found = column(&history(modal, &train, run, step_s, steps).acceleration, 0);
+    let expected = runge_kutta::<2>(&short, &train.kinds[0], &run, step_s, steps, 4);
     let error = relative_rms(&found, &expected);
     println!("short bridge: acceleration {error:.1e}");
     assert!(error < STEP_ERROR, "{error}");

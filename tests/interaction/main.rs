@@ -8,17 +8,20 @@ mod demands;
 mod independent;
 mod limits;
 mod published;
+mod scratch;
 
+use std::borrow::Borrow;
 use std::f64::consts::PI;
 use std::path::PathBuf;
 
 use host_sim::model::{self, BridgeFile};
 use spanwatch::bridge::{Damage, ModalBridge, ReducedBridge};
 use spanwatch::capacity::{BASIS, CAR_DOFS, CONTACTS, ELEMENTS, MODES};
-use spanwatch::interaction::{Interaction, Kinematics, Run, SetupError};
+use spanwatch::interaction::{Kinematics, Modes, PlanarInteraction, Run, Scheme, SetupError, TrainSteps};
 use spanwatch::math::Real;
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
-use spanwatch::train::{Car, Contact, GRAVITY_MPS2, Train};
+use spanwatch::train::track::Smooth;
+use spanwatch::train::{Car, Contact, GRAVITY_MPS2, Motion, PlanarTrain, Spring, Train};
 use spanwatch::wire::message::TrainKind;
 
 use beams::*;

@@ -14,7 +14,7 @@ fn a_moving_constant_force_does_what_fryba_says() {
     let force = one_wheel(load_n, 1.0, 0.0, 0.0, 0.0);
     // A force without mass or damper does not feel how the rail moves under it: both kinematics, one history.
     let [paper, convective] = [Kinematics::Paper, Kinematics::Convective]
-        .map(|kinematics| mid_span::<BASIS>(&beam, force, run_at(speed_mps, kinematics), step_s, 2.5));
+        .map(|kinematics| mid_span::<BASIS>(&beam, &force, run_at(speed_mps, kinematics), step_s, 2.5));
     assert_eq!(paper, convective);
 
     // The published maximum is that of the whole series; eight modes of it give 18.15745 mm at 1.3270 s. All twenty that
@@ -60,7 +60,7 @@ fn a_sprung_mass_does_what_vbi_2d_says() {
     let vehicle = one_wheel(5750.0 * 9.81, 5750.0, 1595e3, 0.0, 0.0);
     let step_s = 2.5e-4;
     let [paper, convective] = [Kinematics::Paper, Kinematics::Convective]
-        .map(|kinematics| mid_span::<MODES>(&beam, vehicle, run_at(25.0, kinematics), step_s, 1.0));
+        .map(|kinematics| mid_span::<MODES>(&beam, &vehicle, run_at(25.0, kinematics), step_s, 1.0));
     assert_eq!(paper, convective);
     let (at, extreme) = lowest(&paper);
     println!("extreme {:.6} mm at {:.4} s", extreme * 1e3, (at + 1) as f64 * step_s);
@@ -101,7 +101,7 @@ fn yang_and_yau_s_car_bends_the_bridge_as_they_say() {
     };
     let vehicle = one_wheel(5750.0 * 9.81, 5750.0, 1595e3, 0.0, 0.0);
     let step_s = 1e-4;
-    let found = mid_span::<10>(&beam, vehicle, run_at(100.0 / 3.6, Kinematics::Paper), step_s, 0.9);
+    let found = mid_span::<10>(&beam, &vehicle, run_at(100.0 / 3.6, Kinematics::Paper), step_s, 0.9);
     let (at, extreme) = lowest(&found);
     println!("{:.6} mm at {:.4} s", -1e3 * extreme, (at + 1) as f64 * step_s);
     assert!((extreme / -2.407549e-3 - 1.0).abs() < ASKED, "{extreme}");
@@ -121,7 +121,7 @@ fn at_cancellation_speeds_a_force_leaves_the_first_mode_at_rest() {
         let crossing_s = 50.0 / (speed_kmh / 3.6);
         let path = mid_span::<1>(
             &still,
-            force,
+            &force,
             run_at(speed_kmh / 3.6, Kinematics::Paper),
             step_s,
             crossing_s + 1.0,
@@ -140,14 +140,14 @@ fn at_cancellation_speeds_a_force_leaves_the_first_mode_at_rest() {
 }
 
 /// Speed (km/h), of those given, at which a train of 16 cars bends girder50 most at mid-span.
-fn worst_speed_kmh(train: Train<f64>, speeds_kmh: impl Iterator<Item = f64>) -> f64 {
+fn worst_speed_kmh(train: PlanarTrain<f64>, speeds_kmh: impl Iterator<Item = f64>) -> f64 {
     let bridge = GIRDER50.reduced();
     let bent = |speed_kmh: f64| {
         let modal = ModalBridge::<f64, MODES>::new(&bridge, &[0.0; ELEMENTS], &[MID_SPAN]);
         let speed_mps = speed_kmh / 3.6;
         let steps = ((train.length_m() + 50.0) / speed_mps / 1e-3) as usize;
         largest(&column(
-            &history(modal, train, run_at(speed_mps, Kinematics::Paper), 1e-3, steps).displacement,
+            &history(modal, &train, run_at(speed_mps, Kinematics::Paper), 1e-3, steps).displacement,
             0,
         ))
     };
@@ -162,13 +162,10 @@ fn worst_speed_kmh(train: Train<f64>, speeds_kmh: impl Iterator<Item = f64>) -> 
 fn sixteen_loads_25_m_apart_shake_the_bridge_most_at_315_km_h() {
     // One car's loads every 25 m at f1 25 m = 87.5 m/s. The scan's other resonances would be 157.5 and 105 km/h.
     let mut loads = inspection::<f64>(16);
-    for contact in &mut loads.car.contacts {
-        *contact = Contact {
-            unsprung_kg: 0.0,
-            stiffness_npm: 0.0,
-            damping_nspm: 0.0,
-            ..*contact
-        };
+    for contact in &mut loads.kinds[0].contacts {
+        contact.unsprung = 0.0;
+        contact.spring.stiffness = 0.0;
+        contact.spring.damping = 0.0;
     }
     let at = worst_speed_kmh(
         loads,
@@ -182,10 +179,10 @@ fn the_inspection_cars_bogies_and_springs_bring_the_resonance_down_to_309_km_h()
     // Over 50 m, contacts 25 m apart always have sin^2 + cos^2 = 1 under the first mode, so two rows of them add a constant
     // 2 * 4.4 t to its 125 t, and two springs k to its stiffness, each a little stiffer for the body that swings against it:
     // k / (1 - (f_body / f)^2), f_body = 1.17 Hz.
-    let contact = inspection::<f64>(1).car.contacts[0];
+    let contact = inspection::<f64>(1).kinds[0].contacts[0];
     let (modal_kg, w2) = (125e3, GIRDER50.omega(1).powi(2));
-    let dynamic_npm = contact.stiffness_npm / (1.0 - (1.17_f64 / 3.44).powi(2));
-    let loaded_w2 = (w2 * modal_kg + 2.0 * dynamic_npm) / (modal_kg + 2.0 * contact.unsprung_kg);
+    let dynamic_npm = contact.spring.stiffness / (1.0 - (1.17_f64 / 3.44).powi(2));
+    let loaded_w2 = (w2 * modal_kg + 2.0 * dynamic_npm) / (modal_kg + 2.0 * contact.unsprung);
     let loaded_kmh = 315.0 * (loaded_w2 / w2).sqrt();
     assert!((loaded_kmh - 309.4).abs() < 0.1, "{loaded_kmh}");
     let at = worst_speed_kmh(inspection(16), (0..23).map(|i| 264.0 + 3.5 * f64::from(i)));

@@ -9,14 +9,14 @@ use host_sim::recording::{Channel, Recording, Run, Unit, description_path};
 use host_sim::simulate::{Quantity, Scenario, simulate_reporting};
 use host_sim::{model, output, terminal, train_name};
 use spanwatch::capacity::{CARS, ELEMENTS};
-use spanwatch::interaction::Kinematics;
+use spanwatch::interaction::{Kinematics, Scheme};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// A bridge that comes with the program, or a bridge file NAME.toml
     #[arg(long)]
     bridge: String,
-    /// What rolls: inspection-2dof
+    /// What rolls: inspection-2dof or shinkansen-3d
     #[arg(long)]
     train: String,
     /// Number of cars, 1 to 16
@@ -191,6 +191,7 @@ fn scenario(arguments: &Arguments, elements: usize) -> Result<Scenario> {
         lead_s: arguments.lead_s,
         tail_s: arguments.tail_s,
         kinematics: Kinematics::Paper,
+        scheme: Scheme::AverageAcceleration,
     })
 }
 

@@ -2,6 +2,8 @@
 
 use spanwatch::bridge::{ModalBridge, ReducedBridge};
 use spanwatch::capacity::MODES;
+use spanwatch::interaction::Modes;
+use spanwatch::train::Motion;
 
 /// A natural mode of the undamaged bridge.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,11 +22,11 @@ pub fn modes(bridge: &ReducedBridge<f64>, points: usize) -> Vec<Mode> {
     let modal = ModalBridge::<f64, MODES>::new(bridge, &[0.0; _], &[]);
     let length_m = bridge.path.length_m();
     let along: Vec<_> = (0..points)
-        .filter_map(|i| modal.shape_at((i as f64 / (points - 1) as f64 * length_m).min(length_m)))
+        .map(|i| modal.shape(Motion::Vertical, 0, i as f64 / (points - 1) as f64 * length_m))
         .collect();
     (0..MODES.min(bridge.basis))
         .map(|k| {
-            let mut shape: Vec<f64> = along.iter().map(|at| at.value[k]).collect();
+            let mut shape: Vec<f64> = along.iter().map(|at| at[k]).collect();
             let largest = shape.iter().fold(0.0_f64, |largest, w| largest.max(w.abs()));
             let rises = shape.iter().find(|w| w.abs() > 1e-3 * largest).is_none_or(|&w| w > 0.0);
             let scale = if largest > 0.0 { largest.recip() } else { 1.0 } * if rises { 1.0 } else { -1.0 };
