@@ -17,7 +17,7 @@ pub const CHANNELS: usize = 3;
 /// Cars of a train.
 pub const CARS: usize = 16;
 /// Kinds of car in a train on the logger.
-pub const CAR_KINDS: usize = 2;
+pub const CAR_KINDS: usize = 1;
 /// Cars that touch a bridge at the same time, on the logger.
 pub const CARS_ON_BRIDGE: usize = 4;
 /// Degrees of freedom of a car on the logger: bounce and pitch of a body and two bogies.

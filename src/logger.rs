@@ -28,8 +28,6 @@ use crate::wire::message::{
     Alert, Configuration, Event, Fit, PassageReport, Quality, Reason, Traffic, Trigger, Verdict,
 };
 
-/// Longest step of the solver, s. At 1 ms Newmark's error in the recorder's band is below 1 % (40 Hz, 8 modes).
-const LONGEST_STEP_S: f32 = 1e-3;
 /// Most solver steps in one slice of work, in which nothing else is done: a linearisation takes a step for each element and
 /// one more for each step of the passage. At 25 MHz and two clocks an instruction they take less than the board's watchdog
 /// allows (`src/bin/logger.rs`). 36 s of passage, a 16-car train at 50 km/h; a longer one is not identified.
@@ -163,19 +161,9 @@ impl Configuration {
             load_factor: traffic.load_factor,
             ..Run::at(traffic.speed_mps)
         };
-        let recorder = Recorder {
-            places: places.ok_or(SetupError::NoSuchSensor)?,
-            sample_rate_hz: self.sample_rate_hz,
-            steps_per_sample: self.steps_per_sample(),
-            antialias_hz: self.antialias_hz,
-        };
+        let places = places.ok_or(SetupError::NoSuchSensor)?;
+        let recorder = Recorder::new(places, self.sample_rate_hz, self.antialias_hz);
         Observation::new(train, run, recorder, Scheme::Exact)
-    }
-
-    /// Steps of the solver from one sample to the next.
-    fn steps_per_sample(&self) -> u32 {
-        // Adding almost one before the cast rounds up; a rate of exactly 1 kHz needs one step.
-        ((self.sample_rate_hz * LONGEST_STEP_S).recip() + 0.999) as u32
     }
 }
 
@@ -362,15 +350,16 @@ impl Logger {
         }
         let samples = self.stream.passage_samples();
         let rows = samples.len() / configuration.channels.len().max(1);
-        if rows as u64 * u64::from(configuration.steps_per_sample()) * (bridge.elements as u64 + 1) > SLICE_STEPS {
-            return Err(Reason::TooLong);
-        }
         if passage.quality.total() as f32 > BAD_SAMPLES * samples.len() as f32 {
             return Err(Reason::BadQuality);
         }
         let observation = configuration
             .observe(traffic, bridge, passage.first_sample)
             .map_err(Reason::Setup)?;
+        let steps = rows as u64 * u64::from(observation.recorder.steps_per_sample);
+        if steps * (bridge.elements as u64 + 1) > SLICE_STEPS {
+            return Err(Reason::TooLong);
+        }
         let duration_s = rows as f32 / configuration.sample_rate_hz;
         if !(0.0..duration_s).contains(&observation.run.entry_time_s) {
             return Err(Reason::NotThisTrain);

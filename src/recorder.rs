@@ -147,7 +147,10 @@ mod tests {
         let filter = AntiAlias::new(Some(40.0), step);
         let (mut state, mut square) = (AntiAliasState::default(), 0.0);
         for k in 0..8000 {
-            let y = filter.apply(&mut state, (core::f64::consts::TAU * f * k as f64 * step).sin_cos_exact().0);
+            let y = filter.apply(
+                &mut state,
+                (core::f64::consts::TAU * f * k as f64 * step).sin_cos_exact().0,
+            );
             if k >= 4000 {
                 square += 2.0 * y * y / 4000.0;
             }

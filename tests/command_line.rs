@@ -229,7 +229,6 @@ fn bad_flags_of_simulate_are_refused_and_nothing_is_written() {
     let cases: &[(&[&str], &str)] = &[
         (&["--bridge", "girder51"], "there is no bridge named \"girder51\""),
         (&["--bridge", "absent.toml"], "cannot read absent.toml"),
-        (&["--train", "shinkansen-3d"], "comes with a later version"),
         (&["--train", "tram"], "there is no train \"tram\""),
         (&["--track", "track.csv"], "--track comes with a later version"),
         (&["--cars", "0"], "--cars must be 1 to 16, not 0"),

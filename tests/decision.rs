@@ -173,7 +173,6 @@ fn small_errors_of_time_and_speed_are_not_taken_for_damage() {
         let bridge =
             host_sim::model::reduce::reduce(&host_sim::model::shipped("girder50").expect("shipped")).expect("reduces");
         let mut observed = Observed::simulated(&bridge.cast(), &scenario).expect("simulates");
-        observed.observation.steps_per_sample = 5;
         observed.observation.run.speed_mps = (told_kmh / 3.6) as f32;
         observed.observation.run.entry_time_s += late_s;
         let known = Known::default();

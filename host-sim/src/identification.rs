@@ -166,7 +166,7 @@ pub struct Observed {
 }
 
 impl Observed {
-    /// A simulated passage, solved in `f64`.
+    /// A simulated passage, solved in `f64` as `scenario` says, to be explained with the logger's own steps.
     pub fn simulated(bridge: &ReducedBridge<f32>, scenario: &Scenario) -> Result<Self> {
         let passage = simulate(&bridge.cast(), scenario)?;
         let train = PlanarTrain::of_kind(scenario.train, scenario.cars)
@@ -177,7 +177,6 @@ impl Observed {
             kinematics: scenario.kinematics,
             ..Run::at((scenario.speed_kmh / 3.6) as f32)
         };
-        let interval_s = scenario.sample_interval_s();
         let places = (scenario.nodes.iter())
             .map(|&node| {
                 bridge
@@ -185,12 +184,8 @@ impl Observed {
                     .with_context(|| format!("the bridge has no node {node}"))
             })
             .collect::<Result<_>>()?;
-        let recorder = Recorder {
-            places,
-            sample_rate_hz: interval_s.recip() as f32,
-            steps_per_sample: (interval_s / scenario.step_s).round() as u32,
-            antialias_hz: scenario.antialias_hz.map(|hz| hz as f32),
-        };
+        let antialias_hz = scenario.antialias_hz.map(|hz| hz as f32);
+        let recorder = Recorder::new(places, scenario.sample_interval_s().recip() as f32, antialias_hz);
         Ok(Self {
             bridge: bridge.clone(),
             observation: Observation::new(train, run, recorder, scenario.scheme)?,

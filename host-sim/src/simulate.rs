@@ -109,6 +109,7 @@ impl Scenario {
         Self {
             rate_hz: Some(200.0),
             antialias_hz: Some(40.0),
+            scheme: Scheme::Exact,
             ..self
         }
     }
@@ -241,13 +242,8 @@ pub fn simulate_reporting(
             })
         })
         .collect::<Result<Vec<usize>>>()?;
-    let train = train_name::spatial(scenario.train, scenario.cars).ok_or_else(|| {
-        anyhow!(
-            "--cars must be 1 to {}, not {}",
-            CARS,
-            scenario.cars
-        )
-    })?;
+    let train = train_name::spatial(scenario.train, scenario.cars)
+        .ok_or_else(|| anyhow!("--cars must be 1 to {}, not {}", CARS, scenario.cars))?;
     let speed_mps = scenario.speed_kmh / 3.6;
     let run = Run {
         entry_time_s: scenario.lead_s,

@@ -2,8 +2,8 @@
 
 use anyhow::{Result, bail};
 use spanwatch::capacity::CARS;
-use spanwatch::train::stock::{self, SPATIAL_CONTACTS, SPATIAL_DOFS};
 use spanwatch::train::Train;
+use spanwatch::train::stock::{self, SPATIAL_CONTACTS, SPATIAL_DOFS};
 use spanwatch::wire::message::TrainKind;
 
 /// A train in space, every car of it of its own kind if need be.

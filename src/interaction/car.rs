@@ -121,7 +121,11 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
         }
         for (i, contact) in car.contacts.iter().enumerate() {
             for j in 0..car.contacts.len() {
-                let own = if i == j { contact.unsprung + steps.eta[i] } else { T::zero() };
+                let own = if i == j {
+                    contact.unsprung + steps.eta[i]
+                } else {
+                    T::zero()
+                };
                 let lever = SVector::from(contact.spring.lever);
                 steps.impedance[(i, j)] = own - steps.eta[i] * lever.dot(&steps.response.column(j));
             }
@@ -167,7 +171,10 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
 }
 
 /// `matrix vector`, column by column, so that no kernel fuses it.
-fn product<T: Real, const R: usize, const N: usize>(matrix: &SMatrix<T, R, N>, vector: &SVector<T, N>) -> SVector<T, R> {
+fn product<T: Real, const R: usize, const N: usize>(
+    matrix: &SMatrix<T, R, N>,
+    vector: &SVector<T, N>,
+) -> SVector<T, R> {
     let mut sum = SVector::<T, R>::zeros();
     for (column, &factor) in matrix.column_iter().zip(vector.iter()) {
         sum.axpy(factor, &column, T::one());

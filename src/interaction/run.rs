@@ -125,8 +125,12 @@ impl fmt::Display for SetupError {
             Self::TooManyOnBridge => f.write_str("more cars would be on the bridge at once than there is memory for"),
             Self::NoSuchSensor => f.write_str("the bridge model has no sensor place at that node"),
             Self::Masses => f.write_str("a car has a mass or moment of inertia that is not positive"),
-            Self::TooStiff => f.write_str("a car's springs are too stiff for its masses at this step; take a shorter step"),
-            Self::Stops => f.write_str("the train would stop on its way over track and bridge; check speed and acceleration"),
+            Self::TooStiff => {
+                f.write_str("a car's springs are too stiff for its masses at this step; take a shorter step")
+            }
+            Self::Stops => {
+                f.write_str("the train would stop on its way over track and bridge; check speed and acceleration")
+            }
         }
     }
 }

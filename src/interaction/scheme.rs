@@ -64,8 +64,6 @@ impl Scheme {
 pub struct ModeSteps<T: Real, const M: usize> {
     /// `beta h^2` of each mode, s².
     pub beta_h2: SVector<T, M>,
-    /// Squared circular frequencies, rad²/s².
-    pub omega_squared: SVector<T, M>,
     /// Damping that is stepped, 1/s.
     pub damping: SVector<T, M>,
     /// `1 + c h / 2 + beta (w h)^2`.
@@ -79,7 +77,6 @@ impl<T: Real, const M: usize> ModeSteps<T, M> {
         let half = T::of(0.5);
         let mut steps = Self {
             beta_h2: SVector::zeros(),
-            omega_squared: *omega_squared,
             damping: *damping,
             effective: SVector::zeros(),
         };
@@ -125,10 +122,7 @@ fn sinh_cosh<T: Real>(x: T) -> (T, T) {
     let half = T::of(0.5);
     let grown = x.exp_m1_exact();
     let shrunk = grown / (grown + T::one());
-    (
-        half * (grown + shrunk),
-        T::one() + half * (grown - shrunk),
-    )
+    (half * (grown + shrunk), T::one() + half * (grown - shrunk))
 }
 
 /// What rounds the corner of a shape that begins (or ends) at a support.
@@ -184,7 +178,11 @@ mod tests {
             });
             let decay = libm::exp(-0.5 * c * h);
             let wd2 = w2 - 0.25 * c * c;
-            let cos = if wd2 > 0.0 { libm::cos(libm::sqrt(wd2) * h) } else { libm::cosh(libm::sqrt(-wd2) * h) };
+            let cos = if wd2 > 0.0 {
+                libm::cos(libm::sqrt(wd2) * h)
+            } else {
+                libm::cosh(libm::sqrt(-wd2) * h)
+            };
             let [x0, x1, x2] = positions;
             let rest = x2 - 2.0 * decay * cos * x1 + decay * decay * x0;
             assert!(rest.abs() < 1e-10, "{w} {xi} {h}: {rest}");

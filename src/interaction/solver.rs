@@ -186,12 +186,18 @@ where
     ) -> Result<Self, SetupError> {
         let positive = |value: T| value > T::zero() && value.is_finite();
         if ![run.speed_mps, run.load_factor].into_iter().all(positive)
-            || ![run.entry_time_s, run.acceleration_mps2].into_iter().all(|value| value.is_finite())
+            || ![run.entry_time_s, run.acceleration_mps2]
+                .into_iter()
+                .all(|value| value.is_finite())
         {
             return Err(SetupError::NotFinite);
         }
         let (h, length_m) = (cars.step_s, bridge.length_m());
-        let corner_s = if cars.scheme.rounds_corners() { T::of(CORNER_STEPS) * h } else { T::zero() };
+        let corner_s = if cars.scheme.rounds_corners() {
+            T::of(CORNER_STEPS) * h
+        } else {
+            T::zero()
+        };
         if cars.crowds(A, length_m, corner_s * run.speed_mps) {
             return Err(SetupError::TooManyOnBridge);
         }
@@ -215,7 +221,10 @@ where
             entered: 0,
         };
         let last = length_m + cars.train.length_m();
-        if [this.first_way().unwrap_or(T::zero()), last].into_iter().any(|way| run.time_at_s(way).is_none()) {
+        if [this.first_way().unwrap_or(T::zero()), last]
+            .into_iter()
+            .any(|way| run.time_at_s(way).is_none())
+        {
             return Err(SetupError::Stops);
         }
         Ok(this)
@@ -251,7 +260,10 @@ where
         // The bridge, predicted: as the contacts feel it, and as its modes go.
         let drift = self.position + self.velocity * h;
         let felt = drift + self.acceleration * (half_h2 - self.contact_beta_h2);
-        self.position = drift + self.acceleration.zip_map(&self.modes.beta_h2, |a, beta_h2| a * (half_h2 - beta_h2));
+        self.position = drift
+            + self
+                .acceleration
+                .zip_map(&self.modes.beta_h2, |a, beta_h2| a * (half_h2 - beta_h2));
         self.velocity += self.acceleration * half_h;
         let mut force = -(self.modes.damping.component_mul(&self.velocity)
             + self.bridge.omega_squared().component_mul(&self.position));
@@ -279,7 +291,9 @@ where
             }
             let first = if aboard.is_empty() { index } else { aboard.start };
             aboard = first..index + 1;
-            let Some(shapes) = shapes.get_mut(index - first) else { break };
+            let Some(shapes) = shapes.get_mut(index - first) else {
+                break;
+            };
             self.couple(index, car, front, now.speed_mps, &felt, shapes, &mut matrix, &mut force);
         }
 
@@ -289,7 +303,9 @@ where
             solve(&mut matrix, &mut force);
             self.acceleration = force;
         }
-        for (position, (&a, &beta_h2)) in (self.position.iter_mut()).zip(self.acceleration.iter().zip(self.modes.beta_h2.iter())) {
+        for (position, (&a, &beta_h2)) in
+            (self.position.iter_mut()).zip(self.acceleration.iter().zip(self.modes.beta_h2.iter()))
+        {
             *position += a * beta_h2;
         }
         self.velocity += self.acceleration * half_h;
@@ -319,7 +335,11 @@ where
     ) {
         let mut leads = [Lead::still(); C];
         let mut on = [false; C];
-        for (((contact, shape), lead), on) in (car.contacts.iter()).zip(shapes.iter_mut()).zip(&mut leads).zip(&mut on) {
+        for (((contact, shape), lead), on) in (car.contacts.iter())
+            .zip(shapes.iter_mut())
+            .zip(&mut leads)
+            .zip(&mut on)
+        {
             let way = front - contact.behind_m;
             *lead = self.irregularity(contact.motion, way, speed);
             let corner_m = self.corner_s * speed;
@@ -364,8 +384,16 @@ where
         let from_end = way.min(self.length_m - way);
         if from_end < corner_m {
             let step_m = speed * self.step_s;
-            let end = if way < self.length_m - way { T::zero() } else { self.length_m };
-            let inward = if self.along(end) == T::zero() { T::one() } else { -T::one() };
+            let end = if way < self.length_m - way {
+                T::zero()
+            } else {
+                self.length_m
+            };
+            let inward = if self.along(end) == T::zero() {
+                T::one()
+            } else {
+                -T::one()
+            };
             let slope = self.bridge.shape(contact.motion, 1, self.along(end));
             if from_end < T::zero() {
                 shape = self.bridge.shape(contact.motion, 0, self.along(end));
@@ -403,9 +431,11 @@ where
     /// State of a car that has just reached the bridge, after its approach over the irregular track.
     fn approach(&self, place: &Place<T>) -> CarState<T, D> {
         let mut state = CarState::at_rest();
-        let (Some(begin), Some(car), Some(steps)) =
-            (self.first_way(), self.kinds.get(place.kind), self.kind_steps.get(place.kind))
-        else {
+        let (Some(begin), Some(car), Some(steps)) = (
+            self.first_way(),
+            self.kinds.get(place.kind),
+            self.kind_steps.get(place.kind),
+        ) else {
             return state;
         };
         let Some(start_s) = self.run.time_at_s(begin + place.behind_m) else {

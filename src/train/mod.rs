@@ -133,7 +133,9 @@ impl<T: Real, const D: usize, const C: usize> Car<T, D, C> {
 
     /// Sum of the static loads, N.
     pub fn weight_n(&self) -> T {
-        self.contacts.iter().fold(T::zero(), |sum, contact| sum + contact.load_n)
+        self.contacts
+            .iter()
+            .fold(T::zero(), |sum, contact| sum + contact.load_n)
     }
 
     /// Every spring of the car, those above the wheelsets with these held.

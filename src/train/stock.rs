@@ -87,7 +87,10 @@ impl BogieCar {
 
         let body = self.body_inertia_kgm2;
         let bogie = self.bogie_inertia_kgm2;
-        let inertia = [[m1, m1, body[0], body[1], body[2]], [m2, m2, bogie[0], bogie[1], bogie[2]]];
+        let inertia = [
+            [m1, m1, body[0], body[1], body[2]],
+            [m2, m2, bogie[0], bogie[1], bogie[2]],
+        ];
         let pair = |stiffness: f64, damping: f64, lever: &[(usize, f64)]| {
             let mut all = [T::zero(); SPATIAL_DOFS];
             for &(dof, arm) in lever {
@@ -188,7 +191,10 @@ pub fn inspection<T: Real, const D: usize, const C: usize>() -> Car<T, D, C> {
     let half_base_m = SHINKANSEN.half_base_m[0];
 
     let mut inertia = [T::one(); D];
-    for (own, value) in inertia.iter_mut().zip([body_n / GRAVITY_MPS2, SHINKANSEN.body_inertia_kgm2[1]]) {
+    for (own, value) in inertia
+        .iter_mut()
+        .zip([body_n / GRAVITY_MPS2, SHINKANSEN.body_inertia_kgm2[1]])
+    {
         *own = T::of(value);
     }
     let contact = |ahead_m: f64| {
@@ -211,7 +217,10 @@ pub fn inspection<T: Real, const D: usize, const C: usize>() -> Car<T, D, C> {
     Car {
         inertia,
         springs: Vec::new(),
-        contacts: [contact(half_base_m), contact(-half_base_m)].into_iter().take(C).collect(),
+        contacts: [contact(half_base_m), contact(-half_base_m)]
+            .into_iter()
+            .take(C)
+            .collect(),
     }
 }
 

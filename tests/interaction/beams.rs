@@ -51,7 +51,13 @@ pub fn damage(of: &[(usize, f64)]) -> Damage<f64> {
 }
 
 /// One wheel: a body of `body_kg` on a spring and damper above `unsprung_kg`.
-pub fn one_wheel(load_n: f64, body_kg: f64, stiffness_npm: f64, damping_nspm: f64, unsprung_kg: f64) -> PlanarTrain<f64> {
+pub fn one_wheel(
+    load_n: f64,
+    body_kg: f64,
+    stiffness_npm: f64,
+    damping_nspm: f64,
+    unsprung_kg: f64,
+) -> PlanarTrain<f64> {
     let mut lever = [0.0; CAR_DOFS];
     lever[0] = 1.0;
     let wheel = Contact {

@@ -16,7 +16,12 @@ fn both_cars_agree_with_independent_histories() {
             60.0,
             damage(&[(1, 0.21), (5, 0.41)]),
         ),
-        ("r3_3d_1car_120kmh_e5_11.csv", shinkansen(1), 120.0, damage(&[(5, 0.11)])),
+        (
+            "r3_3d_1car_120kmh_e5_11.csv",
+            shinkansen(1),
+            120.0,
+            damage(&[(5, 0.11)]),
+        ),
     ] {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
             .join("../tests/data/reference")

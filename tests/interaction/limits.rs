@@ -98,7 +98,10 @@ fn runs_that_cannot_be_solved_are_refused() {
     stiff.kinds[0].contacts[0].spring.stiffness *= 1e5;
     assert_eq!(attempt(stiff, run, 1e-2), Err(SetupError::TooStiff));
     // From 20 m/s a train that brakes with 2 m/s² stops after 100 m; the last wheelset leaves after 67.5 m.
-    let braking = |acceleration_mps2| Run { acceleration_mps2, ..run };
+    let braking = |acceleration_mps2| Run {
+        acceleration_mps2,
+        ..run
+    };
     assert_eq!(attempt(inspection(1), braking(-2.0), 1e-3), Ok(()));
     assert_eq!(attempt(inspection(1), braking(-3.0), 1e-3), Err(SetupError::Stops));
     let mut crowded = inspection(16);

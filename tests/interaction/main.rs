@@ -8,7 +8,6 @@ mod demands;
 mod independent;
 mod limits;
 mod published;
-mod scratch;
 
 use std::borrow::Borrow;
 use std::f64::consts::PI;
