@@ -13,4 +13,5 @@ pub mod simulate;
 pub mod station;
 pub mod terminal;
 pub mod toml_text;
+pub mod track;
 pub mod train_name;

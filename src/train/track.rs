@@ -46,10 +46,14 @@ impl<T: Real> Irregularity<T> {
 }
 
 /// The irregularity of a track. `x` is the bridge's coordinate, 0 at node 1: negative on the approach.
+///
+/// It is measured from the level track before it, where cars start in static balance: value, slope and curvature are zero
+/// there. Behind its end the track stays level at the last value.
 pub trait Track<T: Real> {
-    /// Where the irregularity begins and ends, m; outside the track is flat. None: flat everywhere.
+    /// Where the irregularity begins and ends, m; outside the track is level. None: level everywhere.
     fn extent_m(&self) -> Option<[T; 2]>;
-    /// The irregularity at `x_m`, with slope and curvature of the same interpolant; none outside the extent.
+    /// The irregularity at `x_m`, with slope and curvature of the same interpolant; none before the extent, and behind it
+    /// the last value with neither slope nor curvature.
     fn at(&self, motion: Motion, x_m: T) -> Irregularity<T>;
 }
 

@@ -12,6 +12,7 @@ mod measure;
 mod model;
 mod replay;
 mod simulate;
+mod track;
 
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
@@ -63,6 +64,9 @@ enum Command {
     /// Build the logger's bridge model, or look into one
     #[command(subcommand)]
     Model(model::Command),
+    /// Make the irregularity of a track by chance, or look into one
+    #[command(subcommand)]
+    Track(track::Command),
 }
 
 fn dispatch(command: Command) -> Result<()> {
@@ -75,6 +79,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Logger(arguments) => logger::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
         Command::Model(command) => model::run(&command),
+        Command::Track(command) => track::run(&command),
     }
 }
 

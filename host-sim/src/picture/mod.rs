@@ -1,8 +1,9 @@
-//! Pictures (SVG): what was identified from a passage, and the mode shapes of a bridge.
+//! Pictures (SVG): what was identified from a passage, the mode shapes of a bridge, the irregularity of a track.
 //!
 //! Colours are of the palette of Okabe and Ito, which colour-blind eyes tell apart; no meaning rests on colour alone.
 
 mod canvas;
+pub mod track;
 
 use std::path::Path;
 
