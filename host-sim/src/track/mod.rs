@@ -166,13 +166,3 @@ impl<T: Real> Track<T> for Profile {
         }
     }
 }
-
-impl<T: Real> Track<T> for &Profile {
-    fn extent_m(&self) -> Option<[T; 2]> {
-        (*self).extent_m()
-    }
-
-    fn at(&self, motion: Motion, x_m: T) -> Irregularity<T> {
-        (*self).at(motion, x_m)
-    }
-}
