@@ -2,7 +2,8 @@
 //! logger believes no bytes but those of a true model.
 
 use heapless::String;
-use host_sim::model::{self, beam};
+use host_sim::model::eigen::natural_modes;
+use host_sim::model::{self, Structure};
 use nalgebra::DVector;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -70,21 +71,21 @@ fn a_damaged_reduced_model_is_the_full_one() {
     // condition, 1e6, times 1e-16, some times over) and, on the logger, of f32 (1e-7, a few times over, in ratios of neighbouring modes).
     const ROUNDING: f64 = 1e-9;
     const ROUNDING_F32: f64 = 3e-6;
-    let girder = beam::Girder::new(&model::shipped("girder50").expect("shipped"));
+    let girder = Structure::new(model::shipped("girder50").expect("shipped")).expect("assembles");
     let bridge = girder50();
     let (mut worst, mut worst_f32, mut worst_static) = (0.0_f64, 0.0_f64, 0.0_f64);
     for damage in patterns() {
         let stiffness = girder.stiffness(&damage);
-        let (lambda, _) = beam::natural_modes(&stiffness, &girder.mass).expect("a positive mass matrix");
+        let exact = natural_modes(&stiffness, girder.mass()).expect("a positive stiffness matrix");
         let modal = ModalBridge::<f64, BASIS>::new(&bridge, &damage, &[5]);
         let logger = ModalBridge::<f32, BASIS>::new(&bridge.cast(), &damage.map(|d| d as f32), &[5]);
-        for (k, exact) in lambda.iter().enumerate().take(MODES) {
+        for (k, exact) in exact.omega_squared.iter().enumerate().take(MODES) {
             worst = worst.max((modal.omega_squared[k] / exact - 1.0).abs());
             worst_f32 = worst_f32.max((f64::from(logger.omega_squared[k]) / exact - 1.0).abs());
         }
         // A unit load at mid-span, node 6.
-        let at = girder.freedom[5][0].expect("free");
-        let mut load = DVector::zeros(girder.mass.nrows());
+        let at = girder.sensors[5].row[0].0;
+        let mut load = DVector::zeros(girder.mass().nrows());
         load[at] = 1.0;
         let full = stiffness.cholesky().expect("held").solve(&load)[at];
         let reduced = modal.sensors[0]
@@ -105,12 +106,12 @@ fn undamaged_modes_alone_would_not_do() {
     // Why the basis holds static vectors: with element 5 at 41 %, eight undamaged modes leave the first frequency 0.95 %
     // too high, which is more than 8 points of damage there.
     let damage = damage(&[(5, 0.41)]);
-    let girder = beam::Girder::new(&model::shipped("girder50").expect("shipped"));
-    let (exact, _) = beam::natural_modes(&girder.stiffness(&damage), &girder.mass).expect("positive");
-    let (_, modes) = beam::natural_modes(&girder.stiffness(&[]), &girder.mass).expect("positive");
-    let eight = modes.columns(0, 8).into_owned();
+    let girder = Structure::new(model::shipped("girder50").expect("shipped")).expect("assembles");
+    let exact = natural_modes(&girder.stiffness(&damage), girder.mass()).expect("positive");
+    let modes = natural_modes(&girder.stiffness(&[]), girder.mass()).expect("positive");
+    let eight = modes.shapes.columns(0, 8).into_owned();
     let projected = eight.transpose() * girder.stiffness(&damage) * &eight;
-    let too_high = (projected.symmetric_eigenvalues().min() / exact[0]).sqrt() - 1.0;
+    let too_high = (projected.symmetric_eigenvalues().min() / exact.omega_squared[0]).sqrt() - 1.0;
     println!("f1 too high by {too_high:.2e} with 8 undamaged modes");
     assert!((0.009..0.010).contains(&too_high), "{too_high}");
 }

@@ -116,7 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             arguments.bridge
         );
     }
-    let scenario = scenario(arguments, file.elements)?;
+    let scenario = scenario(arguments, file.frame.groups.len())?;
     output::check(csv_path)?;
     output::check(&toml_path)?;
 

@@ -1,10 +1,31 @@
-//! The bridge file, as an engineer writes it (TOML).
+//! The bridge file, as an engineer writes it (TOML): a girder, or with `kind = "frame"` a [`frame`](super::frame::file).
 
 use anyhow::{Result, bail};
 use serde::Deserialize;
 use spanwatch::capacity::ELEMENTS;
 
+use super::frame::reading;
+use super::structure::BridgeFrame;
 use crate::toml_text;
+
+/// Reads and checks the text of a bridge file of either kind.
+pub fn read(text: &str) -> Result<BridgeFrame> {
+    /// All that is looked at first.
+    #[derive(Deserialize)]
+    struct Kind {
+        kind: Option<toml::Spanned<String>>,
+    }
+    let Kind { kind } = toml_text::parse(text)?;
+    match kind {
+        None => Ok(BridgeFrame::from(&parse(text)?)),
+        Some(kind) if kind.get_ref() == "frame" => reading::read(text),
+        Some(kind) => bail!(
+            "{}: kind is \"{}\"; it must be \"frame\", and for a girder it is left out",
+            toml_text::place(text, &kind.span()),
+            kind.get_ref()
+        ),
+    }
+}
 
 /// A girder of equal beam elements.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -28,7 +49,7 @@ pub struct BridgeFile {
     pub basis_modes: usize,
 }
 
-/// Reads and checks the text of a bridge file.
+/// Reads and checks the text of a girder's file.
 pub fn parse(text: &str) -> Result<BridgeFile> {
     let bridge: BridgeFile = toml_text::parse(text)?;
     let BridgeFile {

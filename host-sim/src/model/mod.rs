@@ -1,14 +1,21 @@
 //! From a bridge file to the reduced model that the logger holds.
 //!
-//! [`file`] reads what an engineer wrote, [`beam`] makes finite elements of it, [`reduce`] a [`ReducedBridge`];
-//! [`shapes`] takes the mode shapes back out of it, for the eye.
+//! [`file`] reads what an engineer wrote, a girder or a [`frame`], and makes a [`BridgeFrame`] of it; [`structure`] is
+//! that in finite elements, with the [`path`] of the wheels. [`eigen`] finds its natural modes, [`modal`] makes of them
+//! what the time solution wants, [`reduce`] the [`ReducedBridge`] of a logger; [`shapes`] takes the mode shapes back out
+//! of it, for the eye.
 //!
 //! [`ReducedBridge`]: spanwatch::bridge::ReducedBridge
 
-pub mod beam;
+pub mod eigen;
 pub mod file;
+pub mod frame;
+pub mod girder;
+pub mod modal;
+pub mod path;
 pub mod reduce;
 pub mod shapes;
+pub mod structure;
 
 use std::fs::File;
 use std::io::Read;
@@ -19,6 +26,7 @@ use spanwatch::bridge::{ReducedBridge, blob};
 use spanwatch::capacity::MODEL_BLOB_BYTES;
 
 pub use file::BridgeFile;
+pub use structure::{BridgeFrame, Structure};
 
 /// No bridge model's file is nearly as large, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -27,7 +35,7 @@ const MAX_FILE_BYTES: u64 = 1 << 20;
 const SHIPPED: &[(&str, &str)] = &[("girder50", include_str!("../../bridges/girder50.toml"))];
 
 /// The bridge of that name among those that come with the program.
-pub fn shipped(name: &str) -> Result<BridgeFile> {
+pub fn shipped(name: &str) -> Result<BridgeFrame> {
     let Some((_, text)) = SHIPPED.iter().find(|(known, _)| *known == name) else {
         let known: Vec<&str> = SHIPPED.iter().map(|(known, _)| *known).collect();
         bail!(
@@ -35,11 +43,11 @@ pub fn shipped(name: &str) -> Result<BridgeFile> {
             known.join(", ")
         );
     };
-    file::parse(text).with_context(|| format!("bridge \"{name}\""))
+    file::read(text).with_context(|| format!("bridge \"{name}\""))
 }
 
 /// The bridge of a name or of a file: what ends in `.toml` is a file, all else a name.
-pub fn find(name_or_file: &str) -> Result<BridgeFile> {
+pub fn find(name_or_file: &str) -> Result<BridgeFrame> {
     if Path::new(name_or_file)
         .extension()
         .is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
@@ -51,9 +59,9 @@ pub fn find(name_or_file: &str) -> Result<BridgeFile> {
 }
 
 /// The bridge in a file.
-pub fn from_file(path: &Path) -> Result<BridgeFile> {
+pub fn from_file(path: &Path) -> Result<BridgeFrame> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    file::parse(&text).with_context(|| path.display().to_string())
+    file::read(&text).with_context(|| path.display().to_string())
 }
 
 /// The bytes of a model, as the logger reads them.

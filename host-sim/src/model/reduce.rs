@@ -1,74 +1,76 @@
 //! From finite elements to the reduced model: a basis of modes and of static vectors for each element.
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, SymmetricEigen};
 use spanwatch::bridge::{Path, ReducedBridge};
-use spanwatch::capacity::{BASIS, FACTORS, PATH_NODES, SENSOR_PLACES};
+use spanwatch::capacity::{BASIS, ELEMENTS, FACTORS, PATH_NODES, SENSOR_PLACES};
 
-use super::beam::{Girder, natural_modes};
-use super::file::BridgeFile;
+use super::eigen::{self, natural_modes};
+use super::frame::constraint::Row;
+use super::modal::value;
+use super::structure::{BridgeFrame, Structure};
 
 /// A candidate for the basis joins it if this part of it, in the mass norm, is new.
 const NEW_DIRECTION: f64 = 1e-6;
 /// Eigenvalues of an element's share below this part of the whole are rounding.
 const NO_STIFFNESS: f64 = 1e-12;
 
-/// Reduces a girder to the logger's basis.
-pub fn reduce(file: &BridgeFile) -> Result<ReducedBridge<f64>> {
-    let girder = Girder::new(file);
-    let stiffness = girder.stiffness(&[]);
-    let mechanism = || anyhow!("bridge \"{}\" can move without bending: check its supports", file.name);
-    let (lambda, modes) = natural_modes(&stiffness, &girder.mass).ok_or_else(mechanism)?;
-    let whole = stiffness.clone().cholesky().ok_or_else(mechanism)?;
+/// Reduces a bridge to the logger's basis.
+///
+/// # Errors
+/// If it cannot stand, or needs more than a logger has room for (`src/capacity.rs`).
+pub fn reduce(bridge: impl Into<BridgeFrame>) -> Result<ReducedBridge<f64>> {
+    let structure = Structure::new(bridge.into())?;
+    let BridgeFrame {
+        name,
+        frame,
+        basis_modes,
+        ..
+    } = &structure.bridge;
+    check_room(&structure)?;
+    let stiffness = structure.stiffness(&[]);
+    let modes = natural_modes(&stiffness, structure.mass())?;
 
     // Modes first, then what bends where one element goes soft, K0^-1 K_e phi_k, for mode after mode.
-    let shape = |k: usize| modes.column(k).into_owned();
-    let softening = |k: usize| {
-        let (shape, whole) = (shape(k), &whole);
-        girder
-            .element_stiffness
-            .iter()
-            .map(move |share| whole.solve(&(share * &shape)))
-    };
-    let candidates = (0..file.basis_modes)
-        .map(shape)
-        .chain((0..file.basis_modes).flat_map(softening));
-    let span = mass_orthonormal(candidates, &girder.mass);
+    let mut candidates: Vec<DVector<f64>> = (modes.shapes.column_iter().take(*basis_modes))
+        .map(|shape| shape.into_owned())
+        .collect();
+    let loads: Vec<DVector<f64>> = (candidates.iter())
+        .flat_map(|shape| {
+            let shape = DMatrix::from_columns(std::slice::from_ref(shape));
+            (structure.matrices.groups.iter()).map(move |share| share.times(&shape).column(0).into_owned())
+        })
+        .collect();
+    let softened = eigen::solve(&stiffness, &DMatrix::from_columns(&loads))?;
+    candidates.extend(softened.column_iter().map(|column| column.into_owned()));
+    let span = mass_orthonormal(candidates, structure.mass());
     let n = span.ncols();
-    if n < file.basis_modes + file.elements - 1 && n < girder.mass.nrows() {
+    if n < basis_modes + frame.groups.len() - 1 && n < structure.matrices.freedoms() {
         return Err(anyhow!(
-            "bridge \"{}\" leaves no room for damage in a basis of {BASIS} vectors: take fewer basis_modes",
-            file.name
+            "bridge \"{name}\" leaves no room for damage in a basis of {BASIS} vectors: take fewer basis_modes"
         ));
     }
 
     // Rotated until the undamaged stiffness is diagonal.
-    let (values, rotation) = natural_modes(&(span.transpose() * &stiffness * &span), &DMatrix::identity(n, n))
-        .context("the reduced stiffness has no eigenvalues")?;
-    let basis = &span * rotation;
+    let rotated = natural_modes(&(span.transpose() * &stiffness * &span), &DMatrix::identity(n, n))?;
+    let (values, basis) = (rotated.omega_squared, &span * rotated.shapes);
 
-    let mut bridge = empty(file, n, &values)?;
-    let (w1, w2) = (lambda[0].sqrt(), lambda[1].sqrt());
-    // Eqs 35 and 36 with equal ratios at both modes.
-    bridge.rayleigh = [
-        2.0 * file.damping_ratio * w1 * w2 / (w1 + w2),
-        2.0 * file.damping_ratio / (w1 + w2),
-    ];
+    let mut bridge = empty(&structure, n, &values)?;
+    bridge.rayleigh = structure.bridge.damping.rayleigh(&modes.omega_squared);
 
     let scale = DMatrix::from_diagonal(&DVector::from_iterator(
         n,
         values.iter().map(|value| value.sqrt().recip()),
     ));
-    for (element, share) in girder.element_stiffness.iter().enumerate() {
-        let reduced = &scale * basis.transpose() * share * &basis * &scale;
+    for (element, share) in structure.matrices.groups.iter().enumerate() {
+        let reduced = &scale * basis.transpose() * share.times(&basis) * &scale;
         let eigen = SymmetricEigen::new((&reduced + reduced.transpose()) * 0.5);
         for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
             if *value > NO_STIFFNESS {
                 let f = bridge.factor_count;
                 if f == FACTORS {
                     return Err(anyhow!(
-                        "bridge \"{}\" has more stiffness vectors than {FACTORS}",
-                        file.name
+                        "bridge \"{name}\" bends in more ways than the {FACTORS} that a logger has memory for: take fewer basis_modes or fewer, simpler damage groups"
                     ));
                 }
                 bridge
@@ -81,50 +83,79 @@ pub fn reduce(file: &BridgeFile) -> Result<ReducedBridge<f64>> {
         }
     }
 
-    for (node, ([w, slope], &x)) in girder.freedom.iter().zip(&girder.position_m).enumerate() {
-        let row = |freedom: &Option<usize>| {
-            freedom.map_or(SVector::<f64, BASIS>::zeros(), |f| {
-                SVector::from_fn(|k, _| if k < n { basis[(f, k)] } else { 0.0 })
-            })
-        };
-        bridge.path.position_m[node] = x;
-        bridge.path.displacement.set_column(node, &row(w));
-        bridge.path.slope.set_column(node, &row(slope));
-        bridge.sensor_node[node] = node as u16 + 1;
-        bridge.sensors.set_column(node, &row(w));
+    let in_basis =
+        |row: &Row| SVector::<f64, BASIS>::from_fn(|k, _| if k < n { value(row, basis.column(k)) } else { 0.0 });
+    for (node, point) in structure.path.iter().enumerate() {
+        bridge.path.position_m[node] = point.x_m;
+        bridge.path.displacement.set_column(node, &in_basis(&point.vertical[0]));
+        bridge.path.slope.set_column(node, &in_basis(&point.vertical[1]));
+    }
+    for (place, sensor) in structure.sensors.iter().enumerate() {
+        bridge.sensor_node[place] = sensor.number;
+        bridge.sensors.set_column(place, &in_basis(&sensor.row));
     }
     Ok(bridge)
 }
 
-fn empty(file: &BridgeFile, n: usize, values: &[f64]) -> Result<ReducedBridge<f64>> {
-    let nodes = file.elements + 1;
+/// Refuses what a logger has no memory for.
+fn check_room(structure: &Structure) -> Result<()> {
+    let name = &structure.bridge.name;
+    for (count, room, what, mend) in [
+        (
+            structure.matrices.groups.len(),
+            ELEMENTS,
+            "damage groups",
+            "put more elements into one group",
+        ),
+        (
+            structure.path.len(),
+            PATH_NODES,
+            "nodes on its path",
+            "divide the beams under it less",
+        ),
+        (structure.sensors.len(), SENSOR_PLACES, "sensors", "name fewer"),
+        (structure.bridge.basis_modes, BASIS, "basis_modes", "take fewer"),
+    ] {
+        if count > room {
+            bail!("bridge \"{name}\" has {count} {what}, but a logger has memory for {room}: {mend}");
+        }
+    }
+    if structure.matrices.groups.is_empty() {
+        bail!("bridge \"{name}\" has no damage group, so a logger would have nothing to find: name groups of beams");
+    }
+    if !structure.matrices.fixed.is_zero() {
+        bail!(
+            "bridge \"{name}\" has beams or springs outside its damage groups, and a logger's model is made of its groups alone: give each a group"
+        );
+    }
+    Ok(())
+}
+
+fn empty(structure: &Structure, n: usize, values: &[f64]) -> Result<ReducedBridge<f64>> {
+    let name = structure.bridge.name.as_str();
     Ok(ReducedBridge {
-        name: file
-            .name
-            .as_str()
-            .try_into()
-            .map_err(|_| anyhow!("name is longer than 24 bytes"))?,
+        name: name.try_into().map_err(|_| anyhow!("name is longer than 24 bytes"))?,
         basis: n,
-        elements: file.elements,
+        elements: structure.matrices.groups.len(),
         lambda: SVector::from_fn(|k, _| values.get(k).copied().unwrap_or(0.0)),
         factors: SMatrix::zeros(),
         factor_element: [0; FACTORS],
         factor_count: 0,
         path: Path {
-            nodes,
+            nodes: structure.path.len(),
             position_m: [0.0; PATH_NODES],
             displacement: SMatrix::zeros(),
             slope: SMatrix::zeros(),
         },
         sensor_node: [0; SENSOR_PLACES],
         sensors: SMatrix::zeros(),
-        sensor_count: nodes,
+        sensor_count: structure.sensors.len(),
         rayleigh: [0.0; 2],
     })
 }
 
 /// Gram-Schmidt in the mass inner product, twice over, dropping candidates that add no direction, until [`BASIS`] are full.
-fn mass_orthonormal(candidates: impl Iterator<Item = DVector<f64>>, mass: &DMatrix<f64>) -> DMatrix<f64> {
+fn mass_orthonormal(candidates: Vec<DVector<f64>>, mass: &DMatrix<f64>) -> DMatrix<f64> {
     let mut kept: Vec<DVector<f64>> = Vec::new();
     for mut vector in candidates {
         if kept.len() == BASIS {
