@@ -18,7 +18,7 @@ use crate::capacity::{CARS, CHANNELS, ELEMENTS};
 use crate::identify::hybrid::HIDDEN;
 use crate::identify::{Hybrid, Identification, Problem};
 use crate::interaction::simulation::Recorder;
-use crate::interaction::{Observation, Run, Scheme, SetupError};
+use crate::interaction::{Direction, Observation, Run, Scheme, SetupError};
 use crate::math::level_db;
 use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
@@ -47,6 +47,8 @@ const LARGEST_RATIO: f32 = 1000.0;
 const ACCELERATIONS_MPS2: core::ops::RangeInclusive<f32> = 1e-9..=1e3;
 /// Fastest train that makes sense, m/s.
 const HIGHEST_SPEED_MPS: f32 = 200.0;
+/// Strongest brake that makes sense, m/s².
+const HIGHEST_ACCELERATION_MPS2: f32 = 5.0;
 
 /// What is wrong with a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -133,6 +135,7 @@ impl Configuration {
             (1..=CARS).contains(&usize::from(traffic.cars))
                 && positive(traffic.speed_mps)
                 && traffic.speed_mps <= HIGHEST_SPEED_MPS
+                && traffic.acceleration_mps2.abs() <= HIGHEST_ACCELERATION_MPS2
                 && traffic.entry_time_s.is_finite()
                 && positive(traffic.load_factor)
         };
@@ -159,6 +162,12 @@ impl Configuration {
         let run = Run {
             entry_time_s: (traffic.entry_time_s - first_s) as f32,
             load_factor: traffic.load_factor,
+            acceleration_mps2: traffic.acceleration_mps2,
+            direction: if traffic.backward {
+                Direction::Backward
+            } else {
+                Direction::Forward
+            },
             ..Run::at(traffic.speed_mps)
         };
         let places = places.ok_or(SetupError::NoSuchSensor)?;

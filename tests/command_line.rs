@@ -230,7 +230,7 @@ fn bad_flags_of_simulate_are_refused_and_nothing_is_written() {
         (&["--bridge", "girder51"], "there is no bridge named \"girder51\""),
         (&["--bridge", "absent.toml"], "cannot read absent.toml"),
         (&["--train", "tram"], "there is no train \"tram\""),
-        (&["--track", "track.csv"], "--track comes with a later version"),
+        (&["--track", "absent.csv"], "absent.csv"),
         (&["--cars", "0"], "--cars must be 1 to 16, not 0"),
         (&["--cars", "17"], "--cars must be 1 to 16, not 17"),
         (&["--cars", "-3"], "--cars must be 1 to 16, not -3"),

@@ -5,10 +5,15 @@ use std::path::Path;
 
 use host_sim::evaluate::{Case, Signal};
 use host_sim::identification::{Known, Method, Observed, search};
+use host_sim::model::Structure;
 use host_sim::replay::{self, Prepared};
 use host_sim::simulate::{Scenario, simulate};
 use spanwatch::logger::Logger;
 use spanwatch::wire::message::{Event, Reason, Verdict};
+
+fn girder50() -> Structure {
+    Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands")
+}
 
 fn prepared(name: &str) -> Prepared {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings").join(name);
@@ -98,7 +103,7 @@ fn a_passage_during_an_identification_is_reported_and_the_one_after_is_identifie
         tail_s: 20.0,
         ..Case::numbered(1).expect("a case").scenario(Signal::Recorded)
     };
-    let passage = simulate(prepared.bridge.as_ref().expect("a bridge"), &scenario).expect("simulates");
+    let passage = simulate(&girder50(), &scenario).expect("simulates");
     let channel = &prepared.recording.channels[0];
     let counts: Vec<i32> = passage.channels[0].iter().map(|&value| channel.count(value)).collect();
     let mut logger = logger(&prepared);
@@ -138,7 +143,7 @@ fn bad_samples_are_left_out_and_too_many_are_refused() {
     };
     let few = spoiled(50);
     assert!(
-        matches!(few.as_slice(), [Event::Alert(alert), _] if alert.damage_permille[4] == 110),
+        matches!(few.as_slice(), [Event::Alert(alert), _] if (109..=111).contains(&alert.damage_permille[4])),
         "{few:?}"
     );
     let many = spoiled(10);
@@ -161,7 +166,7 @@ fn small_errors_of_time_and_speed_are_not_taken_for_damage() {
         (1, 60.0, vec![6], 60.0, 0.005),
     ] {
         let scenario = Scenario {
-            cars,
+            cars: Some(cars),
             speed_kmh,
             nodes,
             modes: 12,
@@ -170,9 +175,7 @@ fn small_errors_of_time_and_speed_are_not_taken_for_damage() {
             ..Scenario::inspection_car()
         }
         .recorded();
-        let bridge =
-            host_sim::model::reduce::reduce(&host_sim::model::shipped("girder50").expect("shipped")).expect("reduces");
-        let mut observed = Observed::simulated(&bridge.cast(), &scenario).expect("simulates");
+        let mut observed = Observed::simulated(&girder50().bridge, &scenario).expect("simulates");
         observed.observation.run.speed_mps = (told_kmh / 3.6) as f32;
         observed.observation.run.entry_time_s += late_s;
         let known = Known::default();

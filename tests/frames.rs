@@ -40,6 +40,8 @@ fn requests() -> Vec<Request> {
             trigger: Trigger::default(),
             antialias_hz: Some(40.0),
             traffic: Some(Traffic {
+                acceleration_mps2: -0.5,
+                backward: true,
                 train: TrainKind::Inspection2Dof,
                 cars: 16,
                 speed_mps: 75.0,

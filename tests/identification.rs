@@ -6,20 +6,18 @@ use std::convert::Infallible;
 
 use host_sim::evaluate::{CASES_2DOF, Case, Signal};
 use host_sim::identification::{Known, Method, Observed, search};
-use host_sim::model;
+use host_sim::model::{self, BridgeFrame};
 use host_sim::simulate::Scenario;
 use rand_core::{Rng, SeedableRng, TryRng};
 use rand_xoshiro::{Xoshiro128PlusPlus, Xoshiro256PlusPlus};
-use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::code::CODE_BITS;
 use spanwatch::identify::{
     CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Problem, micro_ga, paper_ga,
 };
 
-fn girder50() -> ReducedBridge<f32> {
-    let file = model::shipped("girder50").expect("shipped");
-    model::reduce::reduce(&file).expect("reduces").cast()
+fn girder50() -> BridgeFrame {
+    model::shipped("girder50").expect("shipped")
 }
 
 fn case(number: u32) -> Case {
@@ -101,8 +99,8 @@ fn hybrid_finds_damage_that_it_was_not_made_for() {
         }
         let recording = Observed::simulated(&bridge, &scenario).expect("simulates");
         let found = identify(&recording.problem(), seed);
-        let off =
-            (found.damage.iter().zip(scenario.damage)).fold(0.0, |off: f64, (d, t)| off.max((f64::from(*d) - t).abs()));
+        let off = (found.damage.iter().zip(&scenario.damage))
+            .fold(0.0, |off: f64, (d, t)| off.max((f64::from(*d) - t).abs()));
         assert!(
             off < POINTS,
             "seed {seed}: {:?}, found {:?}",
@@ -133,8 +131,8 @@ fn the_stated_deviations_are_the_cramer_rao_bounds() {
         let (median, worst) = ((std[4] + std[5]) / 2.0, std[ELEMENTS - 1]);
         println!("case {number}: {median:.4} / {worst:.4}, bounds {bounds:?}");
         assert!((median / bounds[0] - 1.0).abs() < AGREEMENT && (worst / bounds[1] - 1.0).abs() < AGREEMENT);
-        for (e, (d, t)) in found.damage.iter().zip(scenario.damage).enumerate() {
-            assert!((d - t as f32).abs() < 5.0 * found.std[e], "element {}: {d}", e + 1);
+        for (e, (d, t)) in found.damage.iter().zip(&scenario.damage).enumerate() {
+            assert!((d - *t as f32).abs() < 5.0 * found.std[e], "element {}: {d}", e + 1);
         }
     }
 }
@@ -227,7 +225,7 @@ fn the_nearest_code_is_not_the_one_with_the_least_misfit() {
         let (nearest, other) = (misfit(&problem, case(number).code()), misfit(&problem, better));
         println!("case {number}: nearest {nearest:.3e}, {:?} {other:.3e}", better.genes());
         assert!(other < nearest, "case {number}");
-        let truth = case(number).scenario(Signal::Recorded).damage.map(|d| d as f32);
+        let truth = case(number).loss();
         assert!(
             problem.misfit(&truth).expect("a solve") < 1e-4 * other,
             "the damage itself explains it all"

@@ -177,6 +177,8 @@ fn what_makes_no_sense_is_refused() {
     let refused = |change: fn(&mut Configuration)| {
         let mut configuration = configuration(2);
         configuration.traffic = Some(Traffic {
+            acceleration_mps2: 0.0,
+            backward: false,
             train: TrainKind::Inspection2Dof,
             cars: 1,
             speed_mps: 20.0,

@@ -5,10 +5,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
-use spanwatch::bridge::ReducedBridge;
+use spanwatch::bridge::Damage;
+use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::DamageCode;
+use spanwatch::interaction::simulation::LONGEST_STEP_S;
 
 use crate::identification::{Found, Known, Method, Observed, search};
+use crate::model::BridgeFrame;
 use crate::simulate::Scenario;
 
 /// A case of the paper's Tables 6 and 7.
@@ -101,21 +104,34 @@ impl Case {
     pub fn scenario(&self, signal: Signal) -> Scenario {
         let mut scenario = Scenario {
             speed_kmh: self.speed_kmh,
-            cars: self.cars,
+            cars: Some(self.cars),
             ..Scenario::inspection_car()
         };
         for &(element, loss) in self.damage {
             scenario.damage[element - 1] = loss;
         }
         match signal {
-            Signal::Recorded => scenario.recorded(),
+            // As the paper does: the same program, with the same step, makes and explains the passage.
+            Signal::Recorded => Scenario {
+                step_s: LONGEST_STEP_S,
+                ..scenario.recorded()
+            },
             Signal::Raw => scenario,
         }
     }
 
+    /// The true loss of each element.
+    pub fn loss(&self) -> Damage<f32> {
+        let mut loss = [0.0; ELEMENTS];
+        for &(element, true_loss) in self.damage {
+            loss[element - 1] = true_loss as f32;
+        }
+        loss
+    }
+
     /// The code that should be found: the nearest tenth of each element.
     pub fn code(&self) -> DamageCode {
-        DamageCode::nearest(&self.scenario(Signal::Raw).damage.map(|loss| loss as f32))
+        DamageCode::nearest(&self.loss())
     }
 }
 
@@ -188,7 +204,7 @@ fn median_and_worst<N: Copy + PartialOrd>(mut values: Vec<N>) -> Option<(N, N)> 
 }
 
 /// Runs a plan on all processors, rows in the order of methods and cases. `done` is called after every search.
-pub fn paper(bridge: &ReducedBridge<f32>, plan: &Plan, done: &(dyn Fn() + Sync)) -> Result<Vec<Row>> {
+pub fn paper(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Result<Vec<Row>> {
     if plan.cases.is_empty() || plan.methods.is_empty() || plan.seeds == 0 {
         bail!("nothing to evaluate: give at least one case, one method and one seed");
     }

@@ -10,11 +10,14 @@ use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Problem};
 use spanwatch::interaction::simulation::Recorder;
-use spanwatch::interaction::{Observation, Run};
+use spanwatch::interaction::{Observation, Run, SetupError};
 use spanwatch::train::PlanarTrain;
 
+use crate::model::reduce::reduce;
+use crate::model::{BridgeFrame, Structure};
 use crate::replay::Prepared;
 use crate::simulate::{Scenario, simulate};
+use crate::train::TrainName;
 
 /// Forward solves that the small genetic search may take when it is alone.
 const MICRO_BUDGET: u32 = 4000;
@@ -167,10 +170,17 @@ pub struct Observed {
 
 impl Observed {
     /// A simulated passage, solved in `f64` as `scenario` says, to be explained with the logger's own steps.
-    pub fn simulated(bridge: &ReducedBridge<f32>, scenario: &Scenario) -> Result<Self> {
-        let passage = simulate(&bridge.cast(), scenario)?;
-        let train = PlanarTrain::of_kind(scenario.train, scenario.cars)
-            .with_context(|| format!("there is no train of {} cars", scenario.cars))?;
+    ///
+    /// # Errors
+    /// If the scenario cannot be solved, or the logger does not know the bridge or the train.
+    pub fn simulated(bridge: &BridgeFrame, scenario: &Scenario) -> Result<Self> {
+        let passage = simulate(&Structure::new(bridge.clone())?, scenario)?;
+        let bridge = reduce(bridge)?.cast();
+        let TrainName::Known(kind) = scenario.train else {
+            bail!("the logger does not know train \"{}\"", scenario.train.name())
+        };
+        let cars = scenario.cars.unwrap_or(1);
+        let train = PlanarTrain::of_kind(kind, cars).with_context(|| format!("there is no train of {cars} cars"))?;
         let run = Run {
             entry_time_s: scenario.lead_s as f32,
             load_factor: scenario.load_factor as f32,
@@ -187,7 +197,7 @@ impl Observed {
         let antialias_hz = scenario.antialias_hz.map(|hz| hz as f32);
         let recorder = Recorder::new(places, scenario.sample_interval_s().recip() as f32, antialias_hz);
         Ok(Self {
-            bridge: bridge.clone(),
+            bridge,
             observation: Observation::new(train, run, recorder, scenario.scheme)?,
             samples: (0..passage.channels[0].len())
                 .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
@@ -226,9 +236,11 @@ impl Observed {
             .configuration
             .observe(traffic, &bridge, 0)
             .with_context(|| name.to_string())?;
-        let crossing_s =
-            f64::from(observation.cars.train().length_m() + bridge.path.length_m()) / f64::from(traffic.speed_mps);
-        let left_s = traffic.entry_time_s + crossing_s;
+        let length_m = observation.cars.train().length_m() + bridge.path.length_m();
+        let Some(left) = observation.run.time_at_s(length_m) else {
+            bail!("{name}: {}", SetupError::Stops)
+        };
+        let left_s = f64::from(left);
         // The last sample may come just before the moment at which the last axle leaves.
         if left_s > duration_s + 2.0 * prepared.recording.interval_s {
             bail!(

@@ -1,6 +1,7 @@
 //! The PC side of Spanwatch: what the binary `host-sim` is made of.
 
 pub mod channel;
+pub mod crossing;
 pub mod evaluate;
 pub mod identification;
 pub mod image;
@@ -14,4 +15,4 @@ pub mod station;
 pub mod terminal;
 pub mod toml_text;
 pub mod track;
-pub mod train_name;
+pub mod train;

@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
+use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{
     Alert, BLOCK_COUNTS, Channel, Configuration, Event, PassageReport, Status, Traffic, Trigger,
 };
 
 use crate::recording::Recording;
 use crate::station::{Station, words};
+use crate::train::TrainName;
 use crate::{model, terminal};
 
 /// Seed of the logger's search where nobody gives one.
@@ -53,7 +55,10 @@ pub fn prepare(path: &Path, bridge: Option<&str>, seed: u64) -> Result<Prepared>
     let recording = Recording::read(path)?;
     let name = path.display();
     if recording.track.is_some() {
-        bail!("{name}: a track irregularity comes with a later version; leave the key track out for a smooth track");
+        bail!(
+            "{name}: its track is irregular, which the logger's identification does not know yet; leave the key track out to \
+             take the track for smooth"
+        );
     }
     let bridge = match bridge.or(recording.bridge.as_deref()) {
         Some(bridge) => {
@@ -94,10 +99,15 @@ pub fn prepare(path: &Path, bridge: Option<&str>, seed: u64) -> Result<Prepared>
 
 fn configuration(recording: &Recording, seed: u64) -> Configuration {
     let traffic = || {
+        let Some(TrainName::Known(train)) = recording.train else {
+            return None;
+        };
         Some(Traffic {
-            train: recording.train?,
+            train,
             cars: recording.cars? as u8,
             speed_mps: (recording.speed_kmh? / 3.6) as f32,
+            acceleration_mps2: recording.acceleration_mps2 as f32,
+            backward: recording.direction == Direction::Backward,
             entry_time_s: recording.entry_in_stream_s()?,
             load_factor: recording.load_factor.unwrap_or(1.0) as f32,
         })

@@ -6,23 +6,22 @@
 //!
 //! The samples are those of the half-open time from 0 to the end of the tail; the first axle enters after the lead.
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use spanwatch::bridge::{Damage, MAX_DAMAGE, ModalBridge, ReducedBridge};
-use spanwatch::capacity::{BASIS, CARS, CHANNELS, ELEMENTS};
-use spanwatch::interaction::{Interaction, Kinematics, Run, Scheme, TrainSteps};
+use spanwatch::bridge::MAX_DAMAGE;
+use spanwatch::capacity::{CHANNELS, ELEMENTS};
+use spanwatch::interaction::{Direction, Kinematics, Run, Scheme};
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
-use spanwatch::train::stock::{SPATIAL_CONTACTS, SPATIAL_DOFS};
-use spanwatch::train::track::Smooth;
 use spanwatch::wire::message::TrainKind;
 
+use crate::crossing::{Crossing, MAX_MODES};
+use crate::model::Structure;
+use crate::model::eigen::Wanted;
+use crate::model::modal::ModalModel;
 use crate::recording::description::MAX_SPEED_KMH;
-use crate::train_name;
-
-/// The interaction in space, with room for all cars on the bridge.
-pub type SpatialInteraction<'a, B, R, const M: usize> =
-    Interaction<'a, f64, B, R, M, SPATIAL_DOFS, SPATIAL_CONTACTS, CARS>;
+use crate::track::Profile;
+use crate::train::TrainName;
 
 /// Most solver steps of one passage: a minute's work. A passage that needs more has a slip in its speed or step.
 pub const MAX_STEPS: f64 = 2e7;
@@ -44,19 +43,24 @@ pub enum Quantity {
 #[derive(Debug, Clone)]
 pub struct Scenario {
     /// What rolls.
-    pub train: TrainKind,
-    /// Number of cars.
-    pub cars: usize,
-    /// Speed, km/h.
+    pub train: TrainName,
+    /// Number of cars; none where the train's file says it.
+    pub cars: Option<usize>,
+    /// Speed as the train enters, km/h.
     pub speed_kmh: f64,
-    /// Fraction of stiffness lost by each element.
-    pub damage: Damage<f64>,
+    /// Change of the speed, m/s².
+    pub acceleration_mps2: f64,
+    /// The end that it enters by.
+    pub direction: Direction,
+    /// Irregularity of the track; none: smooth.
+    pub track: Option<Profile>,
+    /// Fraction of stiffness lost by each element or group of elements; those beyond the list are whole.
+    pub damage: Vec<f64>,
     /// Bridge nodes that are observed.
     pub nodes: Vec<u16>,
     /// What is observed there.
     pub quantity: Quantity,
-    /// Modes of the damaged bridge, at most as many as the reduced basis has vectors. Where the basis spans all freedoms
-    /// of the finite elements, as that of girder50 does (20), each is exact.
+    /// Modes of the damaged bridge.
     pub modes: usize,
     /// Step of the solver, s.
     pub step_s: f64,
@@ -84,10 +88,13 @@ impl Scenario {
     /// One inspection car over a healthy bridge at 60 km/h, seen at mid-span of ten elements, raw.
     pub fn inspection_car() -> Self {
         Self {
-            train: TrainKind::Inspection2Dof,
-            cars: 1,
+            train: TrainName::Known(TrainKind::Inspection2Dof),
+            cars: Some(1),
             speed_kmh: 60.0,
-            damage: [0.0; ELEMENTS],
+            acceleration_mps2: 0.0,
+            direction: Direction::Forward,
+            track: None,
+            damage: vec![0.0; ELEMENTS],
             nodes: vec![6],
             quantity: Quantity::Acceleration,
             modes: 8,
@@ -133,8 +140,9 @@ impl Scenario {
         Ok(whole as u32)
     }
 
-    /// Everything that can be said without the bridge's length.
-    fn check(&self, bridge: &ReducedBridge<f64>) -> Result<()> {
+    /// Everything that can be said without solving.
+    fn check(&self, bridge: &Structure) -> Result<()> {
+        let groups = bridge.bridge.frame.groups.len();
         let positive = [
             ("--speed-kmh", self.speed_kmh),
             ("--step-s", self.step_s),
@@ -165,12 +173,11 @@ impl Scenario {
                 self.speed_kmh
             );
         }
-        if let Some(e) = self.damage.iter().skip(bridge.elements).position(|&loss| loss != 0.0) {
+        if let Some(e) = self.damage.iter().skip(groups).position(|&loss| loss != 0.0) {
             bail!(
-                "--damage names element {}, but bridge \"{}\" has elements 1 to {}",
-                bridge.elements + e + 1,
-                bridge.name,
-                bridge.elements
+                "--damage names element {}, but bridge \"{}\" has elements 1 to {groups}",
+                groups + e + 1,
+                bridge.bridge.name
             );
         }
         if let Some(e) = self.damage.iter().position(|loss| !(0.0..=MAX_DAMAGE).contains(loss)) {
@@ -186,12 +193,18 @@ impl Scenario {
         if let Some((_, node)) = (self.nodes.iter().enumerate()).find(|&(i, node)| self.nodes[..i].contains(node)) {
             bail!("--nodes names node {node} twice");
         }
-        if !(1..=bridge.basis).contains(&self.modes) {
+        let most = bridge.mass().nrows().min(MAX_MODES);
+        if !(1..=most).contains(&self.modes) {
             bail!(
-                "--modes must be 1 to {} for bridge \"{}\", not {}",
-                bridge.basis,
-                bridge.name,
+                "--modes must be 1 to {most} for bridge \"{}\", not {}",
+                bridge.bridge.name,
                 self.modes
+            );
+        }
+        if !self.acceleration_mps2.is_finite() {
+            bail!(
+                "--acceleration-mps2 must be a finite number, not {}",
+                self.acceleration_mps2
             );
         }
         if let Some(cutoff) = self.antialias_hz
@@ -216,7 +229,7 @@ pub struct Passage {
 ///
 /// # Errors
 /// One sentence that names the flag of `host-sim simulate` whose value cannot be.
-pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Passage> {
+pub fn simulate(bridge: &Structure, scenario: &Scenario) -> Result<Passage> {
     simulate_reporting(bridge, scenario, &mut |_, _| ())
 }
 
@@ -225,41 +238,42 @@ pub fn simulate(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Pass
 /// # Errors
 /// As [`simulate`].
 pub fn simulate_reporting(
-    bridge: &ReducedBridge<f64>,
+    bridge: &Structure,
     scenario: &Scenario,
     report: &mut dyn FnMut(usize, usize),
 ) -> Result<Passage> {
     scenario.check(bridge)?;
-    let places = scenario
-        .nodes
-        .iter()
+    let train = scenario.train.train(scenario.cars)?;
+    let model = ModalModel::new(bridge, &scenario.damage, Wanted::Count(scenario.modes))?;
+    let rows = (scenario.nodes.iter())
         .map(|&node| {
-            bridge.sensor_at(node).with_context(|| {
+            let sensor = model.sensors.iter().find(|sensor| sensor.number == node);
+            sensor.map(|sensor| sensor.row.as_slice()).with_context(|| {
                 format!(
                     "bridge \"{}\" has no node {node}; its nodes are 1 to {}",
-                    bridge.name, bridge.sensor_count
+                    model.name,
+                    model.sensors.len()
                 )
             })
         })
-        .collect::<Result<Vec<usize>>>()?;
-    let train = train_name::spatial(scenario.train, scenario.cars)
-        .ok_or_else(|| anyhow!("--cars must be 1 to {}, not {}", CARS, scenario.cars))?;
-    let speed_mps = scenario.speed_kmh / 3.6;
+        .collect::<Result<Vec<&[f64]>>>()?;
     let run = Run {
+        acceleration_mps2: scenario.acceleration_mps2,
         entry_time_s: scenario.lead_s,
         load_factor: scenario.load_factor,
+        direction: scenario.direction,
         kinematics: scenario.kinematics,
-        ..Run::at(speed_mps)
+        ..Run::at(scenario.speed_kmh / 3.6)
     };
-    let length_m = bridge.path.length_m() + train.length_m();
-    let cars = TrainSteps::new(train, scenario.scheme, scenario.step_s)?;
-    let modal = ModalBridge::<f64, BASIS>::new(bridge, &scenario.damage, &places).keep(scenario.modes);
     let steps_per_sample = scenario.steps_per_sample()?;
-    let mut interaction = SpatialInteraction::<ModalBridge<f64, BASIS>, Smooth, BASIS>::new(modal, Smooth, &cars, run)?;
     let filter = AntiAlias::new(scenario.antialias_hz, scenario.step_s);
-    let mut states = [AntiAliasState::default(); CHANNELS];
+    let mut states = vec![AntiAliasState::default(); rows.len()];
 
-    let duration_s = scenario.lead_s + length_m / speed_mps + scenario.tail_s;
+    let length_m = model.path.last().map_or(0.0, |end| end.x_m) + train.length_m();
+    let left_s = run
+        .time_at_s(length_m)
+        .context("the train stops before it has left the bridge; check --speed-kmh and --acceleration-mps2")?;
+    let duration_s = left_s + scenario.tail_s;
     let intervals = duration_s / scenario.sample_interval_s();
     let steps = intervals * f64::from(steps_per_sample);
     if steps.is_nan() || steps > MAX_STEPS {
@@ -271,26 +285,39 @@ pub fn simulate_reporting(
         );
     }
     let samples = (intervals - WHOLE).ceil().max(1.0) as usize;
-    let mut channels = vec![Vec::with_capacity(samples); places.len()];
-    for sample in 0..samples {
-        if sample % REPORT_SAMPLES == 0 {
-            report(sample, samples);
-        }
-        let mut values = [0.0; CHANNELS];
-        for _ in 0..if sample == 0 { 0 } else { steps_per_sample } {
-            interaction.step();
-            for (c, (value, state)) in values.iter_mut().zip(&mut states).take(places.len()).enumerate() {
-                let raw = match scenario.quantity {
-                    Quantity::Acceleration => interaction.acceleration_mps2(c),
-                    Quantity::Displacement => 1e3 * interaction.displacement_m(c),
-                };
-                *value = filter.apply(state, raw);
+    // The first sample is that of time 0, before the first step.
+    let mut channels = vec![vec![0.0]; rows.len()];
+    let mut step = 0;
+    let crossing = Crossing {
+        model: &model,
+        train: &train,
+        run,
+        track: scenario.track.as_ref(),
+        scheme: scenario.scheme,
+        step_s: scenario.step_s,
+    };
+    crossing.solve((samples - 1) * steps_per_sample as usize, &mut |state| {
+        step += 1;
+        let modal = match scenario.quantity {
+            Quantity::Acceleration => state.acceleration,
+            Quantity::Displacement => state.position,
+        };
+        let is_sample = step % steps_per_sample as usize == 0;
+        for ((row, filter_state), channel) in rows.iter().zip(&mut states).zip(&mut channels) {
+            let value: f64 = row.iter().zip(modal).map(|(row, q)| row * q).sum();
+            let in_unit = match scenario.quantity {
+                Quantity::Acceleration => value,
+                Quantity::Displacement => 1e3 * value,
+            };
+            let filtered = filter.apply(filter_state, in_unit);
+            if is_sample {
+                channel.push(filtered);
             }
         }
-        for (channel, value) in channels.iter_mut().zip(values) {
-            channel.push(value);
+        if step % (REPORT_SAMPLES * steps_per_sample as usize) == 0 {
+            report(step / steps_per_sample as usize, samples);
         }
-    }
+    })?;
     add_noise(&mut channels, scenario.noise, scenario.seed);
     Ok(Passage {
         interval_s: scenario.sample_interval_s(),

@@ -123,9 +123,13 @@ pub struct Traffic {
     pub train: TrainKind,
     /// Number of cars.
     pub cars: u8,
-    /// Speed, m/s.
+    /// Speed as it enters, m/s.
     pub speed_mps: f32,
-    /// Stream time (sample index / rate) at which the first axle reaches node 1, s.
+    /// Change of the speed, m/s².
+    pub acceleration_mps2: f32,
+    /// It enters by the bridge's last node.
+    pub backward: bool,
+    /// Stream time (sample index / rate) at which the first axle reaches the bridge, s.
     pub entry_time_s: f64,
     /// Scales the static wheel loads.
     pub load_factor: f32,

@@ -99,7 +99,7 @@ fn paper(arguments: &Paper) -> Result<()> {
         signal: if arguments.raw { Signal::Raw } else { Signal::Recorded },
         limit: arguments.limit,
     };
-    let bridge = model::reduce::reduce(&model::shipped("girder50")?)?.cast::<f32>();
+    let bridge = model::shipped("girder50")?;
     let searches = plan.cases.len() * plan.methods.len() * plan.seeds as usize;
     let bar = terminal::progress(searches as u64, "searching");
     let rows = evaluate::paper(&bridge, &plan, &|| bar.inc(1));

@@ -5,33 +5,42 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
+use host_sim::model::{self, BridgeFrame, Structure};
 use host_sim::recording::{Channel, Recording, Run, Unit, description_path};
 use host_sim::simulate::{Quantity, Scenario, simulate_reporting};
-use host_sim::{model, output, terminal, train_name};
-use spanwatch::capacity::{CARS, ELEMENTS};
-use spanwatch::interaction::{Kinematics, Scheme};
+use host_sim::train::TrainName;
+use host_sim::{output, terminal, track};
+use spanwatch::capacity::CARS;
+use spanwatch::interaction::{Direction, Kinematics, Scheme};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// A bridge that comes with the program, or a bridge file NAME.toml
     #[arg(long)]
     bridge: String,
-    /// What rolls: inspection-2dof or shinkansen-3d
+    /// What rolls: inspection-2dof, shinkansen-3d, rdso-test, or a train file NAME.toml
     #[arg(long)]
     train: String,
-    /// Number of cars, 1 to 16
+    /// Number of cars, 1 to 16; a train file has its own
     #[arg(long, allow_negative_numbers = true)]
-    cars: i64,
-    /// Speed
+    cars: Option<i64>,
+    /// Speed as the first axle enters
     #[arg(long, allow_negative_numbers = true)]
     speed_kmh: f64,
-    /// An element, from 1, and the fraction of bending stiffness it has lost, 0 to 0.7; may be given several times
+    /// Change of the speed; negative when the train brakes
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    acceleration_mps2: f64,
+    /// The train enters by the bridge's last node and runs towards node 1
+    #[arg(long)]
+    backward: bool,
+    /// An element, from 1, or a named group of elements, and the fraction of stiffness it has lost, 0 to 0.7; may be given
+    /// several times
     #[arg(long, value_name = "ELEMENT=FRACTION", value_parser = damage)]
-    damage: Vec<(usize, f64)>,
-    /// Irregularity of the track (in a later version)
+    damage: Vec<(String, f64)>,
+    /// Irregularity of the track, a table that `host-sim track generate` writes [default: smooth]
     #[arg(long, value_name = "FILE.csv")]
     track: Option<PathBuf>,
-    /// Bridge nodes that are observed, 1 to 3 of them
+    /// Bridge nodes (sensors of a frame) that are observed, 1 to 3 of them
     #[arg(long, value_delimiter = ',', default_value = "6")]
     nodes: Vec<u16>,
     /// What is observed: acceleration in m/s2 or displacement in mm, both positive up
@@ -87,25 +96,18 @@ enum TimeScheme {
 }
 
 /// `ELEMENT=FRACTION`.
-fn damage(text: &str) -> Result<(usize, f64)> {
+fn damage(text: &str) -> Result<(String, f64)> {
     let (element, loss) = text
-        .split_once('=')
+        .rsplit_once('=')
         .context("it must be ELEMENT=FRACTION, as in 5=0.3")?;
-    let element: usize = element
-        .trim()
-        .parse()
-        .map_err(|_| anyhow!("the element must be a whole number from 1, not \"{element}\""))?;
     let loss: f64 = loss
         .trim()
         .parse()
         .map_err(|_| anyhow!("the fraction must be a number such as 0.3, not \"{loss}\""))?;
-    Ok((element, loss))
+    Ok((element.trim().to_owned(), loss))
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    if arguments.track.is_some() {
-        bail!("--track comes with a later version; this one simulates a smooth track");
-    }
     let file = model::find(&arguments.bridge)?;
     let csv_path = arguments.output.as_path();
     let toml_path = description_path(csv_path)?;
@@ -116,11 +118,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             arguments.bridge
         );
     }
-    let scenario = scenario(arguments, file.frame.groups.len())?;
+    let scenario = scenario(arguments, &file)?;
     output::check(csv_path)?;
     output::check(&toml_path)?;
 
-    let bridge = model::reduce::reduce(&file)?;
+    let bridge = Structure::new(file)?;
     let bar = terminal::progress(0, "solving the passage");
     let passage = simulate_reporting(&bridge, &scenario, &mut |done, total| {
         bar.set_length(total as u64);
@@ -144,18 +146,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             rows,
         }],
         channels: channels.collect(),
-        bridge: Some(file.name.clone()),
-        train: Some(scenario.train),
-        cars: Some(scenario.cars),
+        bridge: Some(bridge.bridge.name.clone()),
+        train: Some(scenario.train.clone()),
+        cars: scenario.cars,
         speed_kmh: Some(scenario.speed_kmh),
         entry_time_s: Some(scenario.lead_s),
         load_factor: Some(scenario.load_factor),
         antialias_hz: scenario.antialias_hz,
-        track: None,
+        track: arguments
+            .track
+            .as_deref()
+            .map(|track| beside(track, csv_path))
+            .transpose()?,
+        acceleration_mps2: scenario.acceleration_mps2,
+        direction: scenario.direction,
     };
     let remarks = [
-        format!("Made by: {}", command_line(arguments, &file.name, &scenario)),
-        format!("True damage: {}.", damage_in_words(&scenario.damage)),
+        format!("Made by: {}", command_line(arguments, &bridge.bridge.name, &scenario)),
+        format!("True damage: {}.", damage_in_words(&arguments.damage)),
     ];
     recording.write(csv_path, &remarks)?;
     super::print(&format!(
@@ -169,23 +177,41 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     ))
 }
 
-fn scenario(arguments: &Arguments, elements: usize) -> Result<Scenario> {
-    let mut loss = [0.0; ELEMENTS];
-    for (i, &(element, fraction)) in arguments.damage.iter().enumerate() {
-        if !(1..=elements).contains(&element) {
-            bail!("--damage names element {element}, but the bridge has elements 1 to {elements}");
-        }
-        if arguments.damage[..i].iter().any(|&(other, _)| other == element) {
+fn scenario(arguments: &Arguments, bridge: &BridgeFrame) -> Result<Scenario> {
+    let groups = &bridge.frame.groups;
+    let mut loss = vec![0.0; groups.len()];
+    let mut named = vec![false; groups.len()];
+    for (element, fraction) in &arguments.damage {
+        let number = element.parse().ok().and_then(|number: usize| number.checked_sub(1));
+        let by_name = groups.iter().position(|group| group == element);
+        let Some(index) = by_name.or(number.filter(|&index| index < groups.len())) else {
+            bail!(
+                "--damage names element {element}, but the bridge has elements 1 to {}: {}",
+                groups.len(),
+                groups.join(", ")
+            );
+        };
+        if named[index] {
             bail!("--damage names element {element} twice");
         }
-        loss[element - 1] = fraction;
+        named[index] = true;
+        loss[index] = *fraction;
     }
-    let cars =
-        usize::try_from(arguments.cars).map_err(|_| anyhow!("--cars must be 1 to {CARS}, not {}", arguments.cars))?;
+    let cars = match arguments.cars {
+        Some(cars) => Some(usize::try_from(cars).map_err(|_| anyhow!("--cars must be 1 to {CARS}, not {cars}"))?),
+        None => None,
+    };
     Ok(Scenario {
-        train: train_name::parse(&arguments.train)?,
+        train: TrainName::parse(&arguments.train)?,
         cars,
         speed_kmh: arguments.speed_kmh,
+        acceleration_mps2: arguments.acceleration_mps2,
+        direction: if arguments.backward {
+            Direction::Backward
+        } else {
+            Direction::Forward
+        },
+        track: arguments.track.as_deref().map(track::read).transpose()?,
         damage: loss,
         nodes: arguments.nodes.clone(),
         quantity: match arguments.quantity {
@@ -215,12 +241,20 @@ fn scenario(arguments: &Arguments, elements: usize) -> Result<Scenario> {
 /// The command that makes the same recording again, without paths.
 fn command_line(arguments: &Arguments, bridge: &str, scenario: &Scenario) -> String {
     let nodes: Vec<String> = scenario.nodes.iter().map(u16::to_string).collect();
-    let mut line = format!(
-        "host-sim simulate --bridge {bridge} --train {} --cars {} --speed-kmh {}",
-        train_name::name(scenario.train),
-        scenario.cars,
-        scenario.speed_kmh
-    );
+    let mut line = format!("host-sim simulate --bridge {bridge} --train {}", scenario.train.name());
+    if let Some(cars) = scenario.cars {
+        let _ = write!(line, " --cars {cars}");
+    }
+    let _ = write!(line, " --speed-kmh {}", scenario.speed_kmh);
+    if scenario.acceleration_mps2 != 0.0 {
+        let _ = write!(line, " --acceleration-mps2 {}", scenario.acceleration_mps2);
+    }
+    if scenario.direction == Direction::Backward {
+        line += " --backward";
+    }
+    if let Some(name) = arguments.track.as_deref().and_then(Path::file_name) {
+        let _ = write!(line, " --track {}", name.display());
+    }
     for (element, loss) in &arguments.damage {
         let _ = write!(line, " --damage {element}={loss}");
     }
@@ -255,10 +289,12 @@ fn command_line(arguments: &Arguments, bridge: &str, scenario: &Scenario) -> Str
     line
 }
 
-fn damage_in_words(damage: &[f64]) -> String {
-    let damaged: Vec<String> = (damage.iter().enumerate())
-        .filter(|(_, loss)| **loss > 0.0)
-        .map(|(e, loss)| format!("element {} {} %", e + 1, rounded(100.0 * loss)))
+fn damage_in_words(damage: &[(String, f64)]) -> String {
+    let damaged: Vec<String> = (damage.iter().filter(|(_, loss)| *loss > 0.0))
+        .map(|(element, loss)| match element.parse::<usize>() {
+            Ok(number) => format!("element {number} {} %", rounded(100.0 * loss)),
+            Err(_) => format!("{element} {} %", rounded(100.0 * loss)),
+        })
         .collect();
     if damaged.is_empty() {
         "none".to_owned()
@@ -270,6 +306,22 @@ fn damage_in_words(damage: &[f64]) -> String {
 /// A number for the eye, without the dust of binary fractions.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
+}
+
+/// A file as one beside `other` names it: by its name alone, if both are in one folder.
+fn beside(file: &Path, other: &Path) -> Result<String> {
+    let full = file
+        .canonicalize()
+        .with_context(|| format!("cannot find {}", file.display()))?;
+    let folder = other
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    let name = match (folder.canonicalize(), full.file_name()) {
+        (Ok(folder), Some(name)) if full.parent() == Some(&folder) => Path::new(name),
+        _ => full.as_path(),
+    };
+    Ok(name.display().to_string())
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {

@@ -5,14 +5,17 @@ use std::fmt::Write as _;
 use anyhow::{Result, anyhow, bail};
 use serde::Deserialize;
 use spanwatch::capacity::{CARS, CHANNELS};
-use spanwatch::wire::message::TrainKind;
+use spanwatch::interaction::Direction;
 use toml::Spanned;
 
 use super::{Channel, DEFAULT_FULL_SCALE_COUNTS, DEFAULT_LSB_MPS2, Recording, Unit};
-use crate::{toml_text, train_name};
+use crate::toml_text;
+use crate::train::TrainName;
 
 /// Faster than any train; a speed beyond it is a slip of the unit.
 pub const MAX_SPEED_KMH: f64 = 1000.0;
+/// Brakes harder than any train's.
+pub const MAX_ACCELERATION_MPS2: f64 = 5.0;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -25,8 +28,19 @@ struct File {
     load_factor: Option<Spanned<f64>>,
     antialias_hz: Option<Spanned<f64>>,
     track: Option<String>,
+    acceleration_mps2: Option<Spanned<f64>>,
+    #[serde(default)]
+    direction: Way,
     #[serde(default)]
     channel: Vec<Spanned<ChannelEntry>>,
+}
+
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Way {
+    #[default]
+    Forward,
+    Backward,
 }
 
 #[derive(Debug, Deserialize)]
@@ -45,7 +59,7 @@ pub fn parse(text: &str) -> Result<Recording> {
     let at = |span: std::ops::Range<usize>| toml_text::place(text, &span);
 
     let train = match &file.train {
-        Some(name) => Some(train_name::parse(name.get_ref()).map_err(|error| anyhow!("{}: {error}", at(name.span())))?),
+        Some(name) => Some(TrainName::parse(name.get_ref()).map_err(|error| anyhow!("{}: {error}", at(name.span())))?),
         None => None,
     };
     let cars = match &file.cars {
@@ -55,7 +69,7 @@ pub fn parse(text: &str) -> Result<Recording> {
         },
         None => None,
     };
-    if let (Some(name), None) = (&file.train, cars) {
+    if let (Some(name), Some(TrainName::Known(_)), None) = (&file.train, &train, cars) {
         bail!(
             "{}: a train needs its number of cars; add the line cars = 1, or however many",
             at(name.span())
@@ -80,6 +94,12 @@ pub fn parse(text: &str) -> Result<Recording> {
     )?;
     let entry_time_s = number("entry_time_s", &file.entry_time_s, f64::MIN..=f64::MAX, "a finite time")?;
     let load_factor = number("load_factor", &file.load_factor, positive.clone(), "a positive number")?;
+    let acceleration_mps2 = number(
+        "acceleration_mps2",
+        &file.acceleration_mps2,
+        -MAX_ACCELERATION_MPS2..=MAX_ACCELERATION_MPS2,
+        "between -5 and 5 m/s2",
+    )?;
     let antialias_hz = number(
         "antialias_hz",
         &file.antialias_hz,
@@ -176,6 +196,11 @@ pub fn parse(text: &str) -> Result<Recording> {
         load_factor,
         antialias_hz,
         track: file.track,
+        acceleration_mps2: acceleration_mps2.unwrap_or(0.0),
+        direction: match file.direction {
+            Way::Forward => Direction::Forward,
+            Way::Backward => Direction::Backward,
+        },
     })
 }
 
@@ -190,7 +215,7 @@ pub fn text(recording: &Recording, remarks: &[String]) -> String {
             let _ = writeln!(text, "{name} = {value}");
         }
     };
-    let train = recording.train.map(|kind: TrainKind| train_name::name(kind).into());
+    let train = recording.train.as_ref().map(|train| train.name().into());
     key("bridge", recording.bridge.clone().map(Into::into));
     key("train", train);
     key("cars", recording.cars.map(|cars| (cars as i64).into()));
@@ -199,6 +224,10 @@ pub fn text(recording: &Recording, remarks: &[String]) -> String {
     key("load_factor", recording.load_factor.map(Into::into));
     key("antialias_hz", recording.antialias_hz.map(Into::into));
     key("track", recording.track.clone().map(Into::into));
+    let changes = Some(recording.acceleration_mps2).filter(|&change| change != 0.0);
+    key("acceleration_mps2", changes.map(Into::into));
+    let backward = (recording.direction == Direction::Backward).then(|| "backward".into());
+    key("direction", backward);
     for channel in &recording.channels {
         let _ = writeln!(text, "\n[[channel]]");
         let _ = writeln!(text, "column = {}", toml::Value::from(channel.column.as_str()));

@@ -17,10 +17,11 @@ pub mod table;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use spanwatch::interaction::Direction;
 use spanwatch::train::GRAVITY_MPS2;
-use spanwatch::wire::message::TrainKind;
 
 use crate::output;
+use crate::train::TrainName;
 pub use clock::Run;
 
 /// Counts of the converter that is assumed where a recording does not name its own: 24 bits, ± [`DEFAULT_RANGE_G`].
@@ -127,8 +128,8 @@ pub struct Recording {
     /// Name of the bridge; none: passages are found, nothing is identified.
     pub bridge: Option<String>,
     /// What rolled.
-    pub train: Option<TrainKind>,
-    /// Number of its cars; there if [`Self::train`] is.
+    pub train: Option<TrainName>,
+    /// Number of its cars; there if [`Self::train`] is one that the logger knows.
     pub cars: Option<usize>,
     /// Speed, km/h; none: to be estimated from the record.
     pub speed_kmh: Option<f64>,
@@ -139,8 +140,12 @@ pub struct Recording {
     pub load_factor: Option<f64>,
     /// Cut-off of the recorder's filter, Hz; none: no filter.
     pub antialias_hz: Option<f64>,
-    /// Name of the file of the track's irregularity; none: smooth.
+    /// Name of the file of the track's irregularity, from the recording's folder; none: smooth.
     pub track: Option<String>,
+    /// Change of the speed, m/s².
+    pub acceleration_mps2: f64,
+    /// The end of the bridge that the train enters by.
+    pub direction: Direction,
 }
 
 impl Recording {

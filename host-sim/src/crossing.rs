@@ -1,0 +1,148 @@
+//! A train crosses a bridge in space: the solver of the core, in `f64`, on as many modes as a [`ModalModel`] has.
+
+use anyhow::{Context, Result, bail};
+use nalgebra::SVector;
+use spanwatch::capacity::CARS;
+use spanwatch::interaction::contact::hermite;
+use spanwatch::interaction::{Interaction, Modes, Run, Scheme, TrainSteps};
+use spanwatch::train::Motion;
+use spanwatch::train::stock::{SPATIAL_CONTACTS, SPATIAL_DOFS};
+use spanwatch::train::track::{Smooth, Track};
+
+use crate::model::modal::ModalModel;
+use crate::track::Profile;
+use crate::train::SpatialTrain;
+
+/// Most modes that are stepped.
+pub const MAX_MODES: usize = 160;
+
+/// The interaction in space, with room for all cars on the bridge.
+type SpatialInteraction<'a, const M: usize> =
+    Interaction<'a, f64, SpatialModes<M>, &'a dyn Track<f64>, M, SPATIAL_DOFS, SPATIAL_CONTACTS, CARS>;
+
+/// What crosses what, and how.
+#[derive(Debug, Clone)]
+pub struct Crossing<'a> {
+    /// The bridge.
+    pub model: &'a ModalModel,
+    /// The train.
+    pub train: &'a SpatialTrain,
+    /// How it runs.
+    pub run: Run<f64>,
+    /// The irregularity of the track; none: smooth.
+    pub track: Option<&'a Profile>,
+    /// How time is stepped.
+    pub scheme: Scheme,
+    /// Length of a step, s.
+    pub step_s: f64,
+}
+
+/// The bridge after a step: modal coordinates, mass-normalised.
+#[derive(Debug, Clone, Copy)]
+pub struct State<'a> {
+    /// Displacements, kg^1/2 m.
+    pub position: &'a [f64],
+    /// Velocities, kg^1/2 m/s.
+    pub velocity: &'a [f64],
+    /// Accelerations, kg^1/2 m/s².
+    pub acceleration: &'a [f64],
+}
+
+impl Crossing<'_> {
+    /// Solves `steps` steps from rest at time 0 and shows the state after each; `each` is called `steps` times.
+    ///
+    /// # Errors
+    /// If the run cannot be solved, or the model has more than [`MAX_MODES`] modes.
+    pub fn solve(&self, steps: usize, each: &mut dyn FnMut(State<'_>)) -> Result<()> {
+        // A few sizes: each is compiled on its own, with loops of fixed length.
+        match self.model.omega_squared.len() {
+            0..=8 => self.solve_in::<8>(steps, each),
+            9..=20 => self.solve_in::<20>(steps, each),
+            21..=60 => self.solve_in::<60>(steps, each),
+            61..=MAX_MODES => self.solve_in::<MAX_MODES>(steps, each),
+            modes => bail!("{modes} modes are more than the {MAX_MODES} that are stepped here; ask for fewer"),
+        }
+    }
+
+    fn solve_in<const M: usize>(&self, steps: usize, each: &mut dyn FnMut(State<'_>)) -> Result<()> {
+        let track: &dyn Track<f64> = match self.track {
+            Some(profile) => profile,
+            None => &Smooth,
+        };
+        let cars = TrainSteps::new(self.train.clone(), self.scheme, self.step_s).context("the train")?;
+        let mut interaction = SpatialInteraction::<M>::new(SpatialModes::new(self.model), track, &cars, self.run)?;
+        let modes = self.model.omega_squared.len();
+        for _ in 0..steps {
+            interaction.step();
+            each(State {
+                position: &interaction.position().as_slice()[..modes],
+                velocity: &interaction.velocity().as_slice()[..modes],
+                acceleration: &interaction.acceleration().as_slice()[..modes],
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Value and slope of the shapes at a node of the way, in each motion.
+type Node<const M: usize> = [[SVector<f64, M>; 2]; 3];
+
+/// A [`ModalModel`] in vectors of fixed size. Modes beyond those of the model have no shape and stay at rest.
+struct SpatialModes<const M: usize> {
+    omega_squared: SVector<f64, M>,
+    damping: SVector<f64, M>,
+    position_m: Vec<f64>,
+    nodes: Vec<Node<M>>,
+    /// Whether anything moves in each motion.
+    moves: [bool; 3],
+}
+
+impl<const M: usize> SpatialModes<M> {
+    fn new(model: &ModalModel) -> Self {
+        let padded = |values: &[f64], rest: f64| SVector::from_fn(|k, _| values.get(k).copied().unwrap_or(rest));
+        let nodes: Vec<Node<M>> = (model.path.iter())
+            .map(|at| [&at.vertical, &at.lateral, &at.roll].map(|pair| [padded(&pair[0], 0.0), padded(&pair[1], 0.0)]))
+            .collect();
+        Self {
+            omega_squared: padded(
+                &model.omega_squared,
+                model.omega_squared.first().copied().unwrap_or(1.0),
+            ),
+            damping: padded(&model.damping, 0.0),
+            position_m: model.path.iter().map(|at| at.x_m).collect(),
+            moves: [0, 1, 2].map(|motion| nodes.iter().any(|node| node[motion].iter().any(|row| row.amax() > 0.0))),
+            nodes,
+        }
+    }
+}
+
+impl<const M: usize> Modes<f64, M> for SpatialModes<M> {
+    fn omega_squared(&self) -> &SVector<f64, M> {
+        &self.omega_squared
+    }
+
+    fn damping(&self) -> &SVector<f64, M> {
+        &self.damping
+    }
+
+    fn length_m(&self) -> f64 {
+        self.position_m.last().copied().unwrap_or(0.0)
+    }
+
+    fn shape(&self, motion: Motion, order: u8, x_m: f64) -> SVector<f64, M> {
+        let motion = match motion {
+            Motion::Vertical => 0,
+            Motion::Lateral => 1,
+            Motion::Roll => 2,
+        };
+        if !self.moves[motion] || self.position_m.len() < 2 {
+            return SVector::zeros();
+        }
+        let span = self.position_m[1..self.position_m.len() - 1].partition_point(|&begin| begin <= x_m);
+        let length = self.position_m[span + 1] - self.position_m[span];
+        let part = ((x_m - self.position_m[span]) / length).clamp(0.0, 1.0);
+        let [w1, s1, w2, s2] = hermite(order, part, length);
+        let ([left, left_slope], [right, right_slope]) = (&self.nodes[span][motion], &self.nodes[span + 1][motion]);
+        left * w1 + left_slope * s1 + right * w2 + right_slope * s2
+    }
+}
