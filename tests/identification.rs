@@ -217,7 +217,6 @@ fn the_nearest_code_is_not_the_one_with_the_least_misfit() {
         (4, code(&[(2, 1), (5, 4)])),
         (5, code(&[(5, 1), (10, 2)])),
         (6, code(&[(5, 1), (10, 2)])),
-        (7, code(&[(5, 1), (10, 1)])),
         (8, code(&[(5, 1), (10, 1)])),
     ] {
         let recording = Observed::simulated(&bridge, &case(number).scenario(Signal::Recorded)).expect("simulates");
