@@ -14,6 +14,9 @@ use nalgebra::DMatrix;
 use super::eigen::{NaturalModes, natural_modes, solve};
 use super::structure::Structure;
 
+/// Modes with at least this modal assurance criterion are the same.
+pub const SAME_MODE: f64 = 0.9;
+
 /// A condensed model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condensed {
@@ -77,16 +80,23 @@ impl Condensed {
         natural_modes(&self.stiffness, &self.mass)
     }
 
-    /// By how much each of its frequencies is higher than that of the full model, as a fraction.
+    /// For each mode of the full model, by how much the frequency of the same mode is higher here, as a fraction; none if
+    /// this model has no such mode.
     ///
-    /// Compared in ascending order: by the separation theorem none can be lower.
-    pub fn errors(&self, full: &[f64]) -> Result<Vec<f64>> {
-        let modes = self.natural_modes()?;
-        Ok(modes
-            .omega_squared
-            .iter()
-            .zip(full)
-            .map(|(condensed, full)| (condensed / full).sqrt() - 1.0)
+    /// Modes are the same if the square of their mass-weighted correlation over the kept degrees of freedom (the modal
+    /// assurance criterion) is at least [`SAME_MODE`].
+    pub fn errors(&self, full: &NaturalModes) -> Result<Vec<Option<f64>>> {
+        let own = self.natural_modes()?;
+        let seen = full.shapes.select_rows(&self.kept);
+        let weighted = &self.mass * &seen;
+        let alike = own.shapes.transpose() * &weighted;
+        Ok((0..full.omega_squared.len())
+            .map(|k| {
+                let energy = seen.column(k).dot(&weighted.column(k));
+                let best = alike.column(k).icamax();
+                let same = alike[(best, k)].powi(2) >= SAME_MODE * energy;
+                same.then(|| (own.omega_squared[best] / full.omega_squared[k]).sqrt() - 1.0)
+            })
             .collect())
     }
 }
