@@ -11,6 +11,7 @@ mod logger;
 mod measure;
 mod model;
 mod replay;
+mod show_frame;
 mod simulate;
 mod track;
 

@@ -5,9 +5,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
+use host_sim::model::Structure;
 use host_sim::model::shapes::{self, Mode};
 use host_sim::{model, output, picture};
 use spanwatch::bridge::{ReducedBridge, blob};
+
+use super::show_frame;
 
 /// Mode shapes that are drawn.
 const DRAWN: usize = 3;
@@ -81,7 +84,14 @@ fn show(name: &str, svg: Option<&Path>) -> Result<()> {
         } else {
             model::find(name).with_context(|| format!("there is no model file {name}"))?
         };
-        model::to_blob(&model::reduce::reduce(&file)?)?
+        match model::reduce::reduce(&file) {
+            Ok(reduced) => model::to_blob(&reduced)?,
+            // A frame stands on its own, even if no logger can hold it.
+            Err(reason) => {
+                let structure = Structure::new(file)?;
+                return super::print(&show_frame::show(&structure, &reason.to_string(), svg)?);
+            }
+        }
     };
     // What is shown has been through the same door as on the logger.
     let bridge = model::from_blob(&bytes).with_context(|| name.to_owned())?;

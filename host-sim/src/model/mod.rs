@@ -7,11 +7,13 @@
 //!
 //! [`ReducedBridge`]: spanwatch::bridge::ReducedBridge
 
+pub mod condensation;
 pub mod eigen;
 pub mod file;
 pub mod frame;
 pub mod girder;
 pub mod modal;
+pub mod participation;
 pub mod path;
 pub mod reduce;
 pub mod shapes;
@@ -32,7 +34,12 @@ pub use structure::{BridgeFrame, Structure};
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// The bridges that come with the program, by name.
-const SHIPPED: &[(&str, &str)] = &[("girder50", include_str!("../../bridges/girder50.toml"))];
+const SHIPPED: &[(&str, &str)] = &[
+    ("girder50", include_str!("../../bridges/girder50.toml")),
+    ("twospan", include_str!("../../bridges/twospan.toml")),
+    ("viaduct24", include_str!("../../bridges/viaduct24.toml")),
+    ("rdso45m", include_str!("../../bridges/rdso45m.toml")),
+];
 
 /// The bridge of that name among those that come with the program.
 pub fn shipped(name: &str) -> Result<BridgeFrame> {

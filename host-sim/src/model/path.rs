@@ -4,12 +4,10 @@
 //! (positive with the left rail up), at each point of the path:
 //!
 //! ```text
-//! one line of nodes:    w = u_z         dw/dx = -r_y
-//!                       v = u_y - h r_x dv/dx = r_z - h dphi/dx
-//!                       phi = r_x
-//! two lines, left and right, b apart:
-//!                       w, v and their slopes: the mean of both
-//!                       phi = (w_left - w_right) / b,  dphi/dx likewise
+//! w = u_z,            dw/dx = -r_y
+//! v = u_y - h phi,    dv/dx = r_z - h dphi/dx
+//! phi = r_x                         on one line of nodes
+//! phi = (w_left - w_right) / b      on two lines, left and right, b apart; u_y, r_z and w are then the mean of both
 //! ```
 //!
 //! `h` is the height of the rails above the nodes. On one line `r_x` is linear between nodes; its slope at a node is that
@@ -49,43 +47,21 @@ pub struct PathRows {
 /// # Errors
 /// If the points do not ascend along the track, or its first or last point can sink.
 pub fn rows(frame: &Frame, path: &PathLine, motion: &[[Row; NODE_FREEDOMS]]) -> Result<Vec<PathRows>> {
-    let height = path.rail_height_m;
-    let mut lines: Vec<Vec<PathRows>> = Vec::new();
-    for line in &path.lines {
-        let place = |i: usize| frame.nodes[line[i]].place_m.x;
-        for i in 1..line.len() {
-            if place(i) <= place(i - 1) {
-                bail!(
-                    "the path goes from node \"{}\" at x = {} m to node \"{}\" at {} m: its nodes must ascend along the track",
-                    frame.nodes[line[i - 1]].name,
-                    place(i - 1),
-                    frame.nodes[line[i]].name,
-                    place(i)
-                );
-            }
-        }
-        let points = line.iter().enumerate().map(|(i, &node)| {
-            let of = &motion[node];
-            let (before, after) = (i.saturating_sub(1), (i + 1).min(line.len() - 1));
-            let over = (place(after) - place(before)).recip();
-            let twist = combine([(over, &motion[line[after]][3]), (-over, &motion[line[before]][3])]);
-            PathRows {
-                x_m: place(i) - place(0),
-                vertical: [of[2].clone(), combine([(-1.0, &of[4])])],
-                lateral: [
-                    combine([(1.0, &of[1]), (-height, &of[3])]),
-                    combine([(1.0, &of[5]), (-height, &twist)]),
-                ],
-                roll: [of[3].clone(), twist],
-            }
-        });
-        lines.push(points.collect());
-    }
-    let rows = match lines.as_slice() {
+    let lines: Vec<Vec<PathRows>> = path
+        .lines
+        .iter()
+        .map(|line| along(frame, line, motion))
+        .collect::<Result<_>>()?;
+    let mut rows = match lines.as_slice() {
         [line] => line.clone(),
         [left, right] => between(frame, path, left, right)?,
         _ => bail!("[path] needs either one line of nodes, or left and right"),
     };
+    for point in &mut rows {
+        for (lateral, roll) in point.lateral.iter_mut().zip(&point.roll) {
+            *lateral = combine([(1.0, &*lateral), (-path.rail_height_m, roll)]);
+        }
+    }
     for (point, which) in [(rows.first(), "begins"), (rows.last(), "ends")] {
         if point.is_some_and(|point| !point.vertical[0].is_empty()) {
             let end = if which == "begins" {
@@ -100,6 +76,35 @@ pub fn rows(frame: &Frame, path: &PathLine, motion: &[[Row; NODE_FREEDOMS]]) -> 
         }
     }
     Ok(rows)
+}
+
+/// The rows of one line of nodes, lateral movement at their own height.
+fn along(frame: &Frame, line: &[usize], motion: &[[Row; NODE_FREEDOMS]]) -> Result<Vec<PathRows>> {
+    let place = |i: usize| frame.nodes[line[i]].place_m.x;
+    for i in 1..line.len() {
+        if place(i) <= place(i - 1) {
+            bail!(
+                "the path goes from node \"{}\" at x = {} m to node \"{}\" at {} m: its nodes must ascend along the track",
+                frame.nodes[line[i - 1]].name,
+                place(i - 1),
+                frame.nodes[line[i]].name,
+                place(i)
+            );
+        }
+    }
+    let point = |(i, &node): (usize, &usize)| {
+        let [_, lateral, vertical, roll, pitch, yaw] = &motion[node];
+        let (before, after) = (i.saturating_sub(1), (i + 1).min(line.len() - 1));
+        let over = (place(after) - place(before)).recip();
+        let twist = combine([(over, &motion[line[after]][3]), (-over, &motion[line[before]][3])]);
+        PathRows {
+            x_m: place(i) - place(0),
+            vertical: [vertical.clone(), combine([(-1.0, pitch)])],
+            lateral: [lateral.clone(), yaw.clone()],
+            roll: [roll.clone(), twist],
+        }
+    };
+    Ok(line.iter().enumerate().map(point).collect())
 }
 
 /// The middle between two lines.

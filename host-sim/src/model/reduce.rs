@@ -19,7 +19,10 @@ const NO_STIFFNESS: f64 = 1e-12;
 ///
 /// # Errors
 /// If it cannot stand, or needs more than a logger has room for (`src/capacity.rs`).
-pub fn reduce(bridge: impl Into<BridgeFrame>) -> Result<ReducedBridge<f64>> {
+pub fn reduce<'a, B>(bridge: &'a B) -> Result<ReducedBridge<f64>>
+where
+    BridgeFrame: From<&'a B>,
+{
     let structure = Structure::new(bridge.into())?;
     let BridgeFrame {
         name,

@@ -1,8 +1,9 @@
-//! Pictures (SVG): what was identified from a passage, the mode shapes of a bridge, the irregularity of a track.
+//! Pictures (SVG): what was identified from a passage, the mode shapes of a girder or a frame, the irregularity of a track.
 //!
 //! Colours are of the palette of Okabe and Ito, which colour-blind eyes tell apart; no meaning rests on colour alone.
 
 mod canvas;
+mod frame;
 pub mod track;
 
 use std::path::Path;
@@ -13,6 +14,8 @@ use plotters::style::text_anchor::HPos;
 
 use crate::output;
 use canvas::{BLUE, BODY, Canvas, INK, LEFT, Mark, SKY, SMALL, SOFT, Svg, TITLE, Ticks, VERMILION, around_zero, ticks};
+
+pub use frame::frame_modes;
 
 /// Largest damage on the scale, %.
 const DAMAGE_SCALE_PERCENT: f64 = 70.0;

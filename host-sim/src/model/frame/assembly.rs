@@ -8,7 +8,7 @@
 //! stiffness that the beams and springs of damage group `g` have lost. `K_fixed` is what belongs to no group.
 
 use anyhow::{Result, anyhow, bail};
-use nalgebra::{DMatrix, Matrix3, SMatrix};
+use nalgebra::{DMatrix, DVectorView, Matrix3, SMatrix};
 
 use super::constraint::{self, Row};
 use super::element::{Matrix12, carried};
@@ -37,6 +37,13 @@ impl Sparse {
             }
         }
         product
+    }
+
+    /// `v^T A v`.
+    pub fn quadratic(&self, v: DVectorView<'_, f64>) -> f64 {
+        self.entries
+            .iter()
+            .fold(0.0, |sum, &(i, j, value)| sum + v[i] * value * v[j])
     }
 
     /// Whether all of it is zero.
@@ -79,6 +86,8 @@ pub struct Assembly {
     pub rows: Vec<[Row; NODE_FREEDOMS]>,
     /// Consistent mass.
     pub mass: DMatrix<f64>,
+    /// The part of it that turns: rotary inertia of beams about their axes and of bodies at nodes.
+    pub rotary: Sparse,
     /// Stiffness that belongs to no damage group.
     pub fixed: Sparse,
     /// Stiffness of each damage group.
@@ -100,7 +109,7 @@ impl Assembly {
             bail!("every node is held, so nothing can move: take something out of [supports]");
         }
         let rows_of = |nodes: [usize; 2]| -> Vec<&Row> { nodes.iter().flat_map(|&node| &rows[node]).collect() };
-        let mut mass = Sparse::default();
+        let (mut mass, mut rotary) = (Sparse::default(), Sparse::default());
         let mut fixed = Sparse::default();
         let mut groups = vec![Sparse::default(); frame.groups.len()];
         let mut node_kg = vec![0.0; frame.nodes.len()];
@@ -116,6 +125,7 @@ impl Assembly {
                     )
                 })?;
             mass.add_block(&matrices.mass, &rows_of(beam.nodes));
+            rotary.add_block(&matrices.rotary, &rows_of(beam.nodes));
             let stiffness = beam.group.map_or(&mut fixed, |group| &mut groups[group]);
             stiffness.add_block(&matrices.stiffness, &rows_of(beam.nodes));
             for node in beam.nodes {
@@ -130,18 +140,20 @@ impl Assembly {
             );
         }
         for lump in &frame.masses {
-            let mut block = Matrix12::zeros();
+            let (mut moves, mut turns) = (Matrix12::zeros(), Matrix12::zeros());
             for direction in 0..3 {
-                block[(direction, direction)] = lump.mass_kg;
-                block[(direction + 3, direction + 3)] = lump.inertia_kgm2[direction];
+                moves[(direction, direction)] = lump.mass_kg;
+                turns[(direction + 3, direction + 3)] = lump.inertia_kgm2[direction];
             }
-            mass.add_block(&block, &rows_of([lump.node; 2]));
+            mass.add_block(&(moves + turns), &rows_of([lump.node; 2]));
+            rotary.add_block(&turns, &rows_of([lump.node; 2]));
             node_kg[lump.node] += lump.mass_kg;
         }
         let mut dense_mass = DMatrix::zeros(freedoms, freedoms);
         mass.add_to(&mut dense_mass, 1.0);
         let assembly = Self {
             mass: dense_mass,
+            rotary: rotary.merged(),
             fixed: fixed.merged(),
             groups: groups.into_iter().map(Sparse::merged).collect(),
             node_kg,

@@ -76,6 +76,8 @@ pub struct BeamMatrices {
     pub stiffness: Matrix12,
     /// Consistent mass, that of the rigid zones included.
     pub mass: Matrix12,
+    /// The part of the mass that is rotary inertia about the axis.
+    pub rotary: Matrix12,
     /// All of its mass, kg.
     pub total_kg: f64,
 }
@@ -113,22 +115,26 @@ impl Beam {
             self.offset_m[1] - along * self.rigid_m[1],
         ];
         let local = local_axes(along, self.up)?;
-        let (stiffness, mass) = released(
-            local_stiffness(&self.section, length),
-            local_mass(&self.section, length),
-            self.released,
-        )?;
-        let to_local = turned(&local) * arms_to_ends(arms);
-        let mut mass = to_local.transpose() * mass * to_local;
+        let shape = released_shape(&local_stiffness(&self.section, length), self.released)?;
+        let turns_only = Section {
+            mass_kgpm: 0.0,
+            ..self.section
+        };
+        let to_local = shape * turned(&local) * arms_to_ends(arms);
+        let global = |matrix: Matrix12| {
+            let matrix = to_local.transpose() * matrix * to_local;
+            (matrix + matrix.transpose()) * 0.5
+        };
+        let mut mass = global(local_mass(&self.section, length));
         for (end, (rigid, offset)) in self.rigid_m.iter().zip(&self.offset_m).enumerate() {
             let block = rod(*offset, arms[end], self.section.mass_kgpm * rigid);
             let mut part = mass.fixed_view_mut::<6, 6>(6 * end, 6 * end);
             part += block;
         }
-        let stiffness = to_local.transpose() * stiffness * to_local;
         Ok(BeamMatrices {
-            stiffness: (stiffness + stiffness.transpose()) * 0.5,
-            mass: (mass + mass.transpose()) * 0.5,
+            stiffness: global(local_stiffness(&self.section, length)),
+            mass,
+            rotary: global(local_mass(&turns_only, length)),
             total_kg: self.section.mass_kgpm * whole,
         })
     }
@@ -225,21 +231,19 @@ fn local_mass(section: &Section, l: f64) -> Matrix12 {
     m
 }
 
-/// Both matrices with the released rotations condensed out; their rows and columns are zero.
-fn released(k: Matrix12, m: Matrix12, released: [[bool; 3]; 2]) -> Result<(Matrix12, Matrix12)> {
+/// The matrix `T` by which released rotations follow the rest.
+fn released_shape(k: &Matrix12, released: [[bool; 3]; 2]) -> Result<Matrix12> {
     let (gone, kept): (Vec<usize>, Vec<usize>) =
         (0..12).partition(|&freedom| freedom % 6 >= 3 && released[freedom / 6][freedom % 6 - 3]);
     if gone.is_empty() {
-        return Ok((k, m));
+        return Ok(Matrix12::identity());
     }
-    let pick = |rows: &[usize], columns: &[usize]| {
-        DMatrix::from_fn(rows.len(), columns.len(), |i, j| k[(rows[i], columns[j])])
-    };
-    let Some(dependence) = (!(released[0][0] && released[1][0]))
-        .then(|| pick(&gone, &gone).lu().solve(&pick(&gone, &kept)))
-        .flatten()
-    else {
+    if released[0][0] && released[1][0] {
         bail!("is released about its own axis at both ends, so it can spin: release one end only");
+    }
+    let pick = |columns: &[usize]| DMatrix::from_fn(gone.len(), columns.len(), |i, j| k[(gone[i], columns[j])]);
+    let Some(dependence) = pick(&gone).lu().solve(&pick(&kept)) else {
+        bail!("has no stiffness where it is released: give its section one, or take back the release");
     };
     let mut shape = Matrix12::zeros();
     for &freedom in &kept {
@@ -250,7 +254,7 @@ fn released(k: Matrix12, m: Matrix12, released: [[bool; 3]; 2]) -> Result<(Matri
             shape[(row, column)] = -dependence[(i, j)];
         }
     }
-    Ok((shape.transpose() * k * shape, shape.transpose() * m * shape))
+    Ok(shape)
 }
 
 /// From global to local axes, for all four triples.

@@ -24,7 +24,7 @@
 //! [[beam]]
 //! nodes = ["A1", "B1", "B2", "A2"]    # a chain of beams; or chains = [["A1", "B1"], ["A2", "B2"]] for several
 //! section = "column"
-//! groups = ["left", "beam", "right"]  # damage groups, one for each beam; or group = "frame" for all
+//! groups = ["left", "beam", "right"]  # damage groups, one for each beam of nodes or each of chains; or one group
 //! divide = 4                          # elements of each beam; inner nodes are "A1-B1/1" ..
 //!
 //! [path]
@@ -181,17 +181,17 @@ pub struct BeamEntry {
     pub section: Name,
     /// Damage group of all.
     pub group: Option<String>,
-    /// Damage group of each beam.
+    /// Damage group of each beam of `nodes`, or of each chain of `chains`.
     pub groups: Option<Spanned<Vec<String>>>,
     /// Elements of each beam.
     pub divide: Option<usize>,
     /// Direction of local z.
     pub up: Option<[f64; 3]>,
-    /// Rigid zones at both ends of each beam, along it, m.
+    /// Rigid zones at both ends of each chain, along it, m.
     pub rigid_m: Option<[f64; 2]>,
-    /// From the nodes to the ends of each beam's axis, m.
+    /// From the first and last node of each chain to the ends of its axis, m.
     pub offset_m: Option<[[f64; 3]; 2]>,
-    /// Moments about local axes that the ends of each beam do not transmit: rx, ry, rz.
+    /// Moments about local axes that the ends of each chain do not transmit: rx, ry, rz.
     pub release: Option<[Vec<Name>; 2]>,
 }
 

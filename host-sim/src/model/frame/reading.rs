@@ -181,6 +181,23 @@ fn sections(text: &str, file: &FrameFile) -> Result<BTreeMap<String, Section>> {
     Ok(sections)
 }
 
+/// A piece of a longer beam: what belongs to an end of the whole is left out where the piece does not lie at it.
+fn within(whole: &Beam, at_first: bool, at_last: bool) -> Beam {
+    let here = [at_first, at_last];
+    Beam {
+        offset_m: std::array::from_fn(|end| {
+            if here[end] {
+                whole.offset_m[end]
+            } else {
+                Vector3::zeros()
+            }
+        }),
+        rigid_m: std::array::from_fn(|end| if here[end] { whole.rigid_m[end] } else { 0.0 }),
+        released: std::array::from_fn(|end| if here[end] { whole.released[end] } else { [false; 3] }),
+        ..whole.clone()
+    }
+}
+
 /// A frame that grows.
 struct Builder<'a> {
     text: &'a str,
@@ -271,36 +288,39 @@ impl Builder<'_> {
             ),
         };
         let line = self.place(&span);
-        let mut ends = Vec::new();
+        let mut chains = Vec::new();
         for names in named {
             let chain = self.nodes(prefix, names)?;
             if chain.len() < 2 {
                 bail!("{line}: a beam needs at least two nodes");
             }
-            ends.extend(chain.windows(2).map(|link| [link[0], link[1]]));
+            chains.push(chain);
         }
-        let Some(&section) = self.sections.get(entry.section.get_ref()) else {
-            return Err(self.unknown("section", &entry.section, self.sections.keys()));
-        };
-        let beams = ends.len();
-        let groups: Vec<Option<usize>> = match (&entry.groups, &entry.group) {
-            (Some(_), Some(_)) => bail!("{line}: give these beams either group or groups, not both"),
-            (Some(groups), None) if groups.get_ref().len() != beams => bail!(
-                "{}: groups has {} names for {beams} beams",
-                self.place(&groups.span()),
-                groups.get_ref().len()
-            ),
-            (Some(groups), None) => groups
-                .get_ref()
-                .iter()
-                .map(|name| Some(self.group(prefix, name)))
-                .collect(),
-            (None, group) => vec![group.as_ref().map(|name| self.group(prefix, name)); beams],
-        };
+        let whole = self.pattern(entry, &line)?;
         let divide = entry.divide.unwrap_or(1);
         if !(1..=MOST_ELEMENTS).contains(&divide) {
             bail!("{line}: divide must be 1 to {MOST_ELEMENTS}, not {divide}");
         }
+        let mut groups = self.groups(entry, prefix, &chains, &line)?.into_iter();
+        for chain in chains {
+            let last = chain.len() - 2;
+            for (at, ends) in chain.windows(2).enumerate() {
+                let beam = Beam {
+                    nodes: [ends[0], ends[1]],
+                    group: groups.next().flatten(),
+                    ..within(&whole, at == 0, at == last)
+                };
+                self.divide(beam, divide, &span)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What all beams of an entry share, with what belongs to the ends of each chain.
+    fn pattern(&self, entry: &BeamEntry, line: &str) -> Result<Beam> {
+        let Some(&section) = self.sections.get(entry.section.get_ref()) else {
+            return Err(self.unknown("section", &entry.section, self.sections.keys()));
+        };
         let rigid_m = entry.rigid_m.unwrap_or_default();
         if !rigid_m.iter().all(|length| *length >= 0.0 && length.is_finite()) {
             bail!("{line}: rigid_m must be two lengths of zero or more, not {rigid_m:?}");
@@ -313,24 +333,50 @@ impl Builder<'_> {
             }
             released[end].copy_from_slice(&directions[3..]);
         }
-        let whole = Beam {
-            nodes: [0, 0],
-            section,
+        Ok(Beam {
             up: entry.up.map(Vector3::from),
             offset_m: entry.offset_m.unwrap_or_default().map(Vector3::from),
             rigid_m,
             released,
-            group: None,
+            ..Beam::plain([0, 0], section)
+        })
+    }
+
+    /// The damage group of each beam of the chains.
+    fn groups(
+        &mut self,
+        entry: &BeamEntry,
+        prefix: &str,
+        chains: &[Vec<usize>],
+        line: &str,
+    ) -> Result<Vec<Option<usize>>> {
+        let beams: Vec<usize> = chains.iter().map(|chain| chain.len() - 1).collect();
+        let Some(groups) = &entry.groups else {
+            let group = entry.group.as_ref().map(|name| self.group(prefix, name));
+            return Ok(vec![group; beams.iter().sum()]);
         };
-        for (nodes, group) in ends.into_iter().zip(groups) {
-            let beam = Beam {
-                nodes,
-                group,
-                ..whole.clone()
-            };
-            self.divide(beam, divide, &span)?;
+        if entry.group.is_some() {
+            bail!("{line}: give these beams either group or groups, not both");
         }
-        Ok(())
+        // One for each beam of a single chain, or for each chain.
+        let of_each = if entry.nodes.is_some() {
+            vec![1; beams[0]]
+        } else {
+            beams
+        };
+        if groups.get_ref().len() != of_each.len() {
+            bail!(
+                "{}: groups has {} names for {} {}",
+                self.place(&groups.span()),
+                groups.get_ref().len(),
+                of_each.len(),
+                if entry.nodes.is_some() { "beams" } else { "chains" }
+            );
+        }
+        let named = groups.get_ref().iter().zip(of_each);
+        Ok(named
+            .flat_map(|(name, count)| vec![Some(self.group(prefix, name)); count])
+            .collect())
     }
 
     /// Adds a beam in pieces: of equal length between its rigid zones.
@@ -351,20 +397,9 @@ impl Builder<'_> {
         }
         nodes.push(last);
         for (piece, ends) in nodes.windows(2).enumerate() {
-            let (at_first, at_last) = (piece == 0, piece + 1 == pieces);
-            let of = |here: bool, length: f64| if here { length } else { 0.0 };
             self.frame.beams.push(Beam {
                 nodes: [ends[0], ends[1]],
-                offset_m: [
-                    if at_first { beam.offset_m[0] } else { Vector3::zeros() },
-                    if at_last { beam.offset_m[1] } else { Vector3::zeros() },
-                ],
-                rigid_m: [of(at_first, beam.rigid_m[0]), of(at_last, beam.rigid_m[1])],
-                released: [
-                    beam.released[0].map(|released| released && at_first),
-                    beam.released[1].map(|released| released && at_last),
-                ],
-                ..beam
+                ..within(&beam, piece == 0, piece + 1 == pieces)
             });
         }
         self.divided.insert([first, last], nodes[1..pieces].to_vec());
