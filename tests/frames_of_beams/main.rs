@@ -5,6 +5,7 @@ mod bad_files;
 mod closed_forms;
 mod damage;
 mod shipped;
+mod shown;
 mod statics;
 
 use host_sim::model::eigen::{NaturalModes, natural_modes};
