@@ -4,6 +4,7 @@
 mod bad_files;
 mod closed_forms;
 mod damage;
+mod files;
 mod shipped;
 mod shown;
 mod statics;
