@@ -12,6 +12,8 @@
 //! F~_i = -W_i - m_i u~_i'' + f~_i - g~_i + eta_i s_i . b~
 //! ```
 
+use core::ops::Range;
+
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use super::run::SetupError;
@@ -50,9 +52,8 @@ pub struct CarSteps<T: Real, const D: usize, const C: usize> {
     eta: [T; C],
     /// `r` of each contact.
     response: [[T; D]; C],
-    /// `Z = L diag(d) L^T`, `L` with a unit diagonal: its columns below that, a row each here, and `d`.
-    lower: [[T; C]; C],
-    diagonal: [T; C],
+    /// `Z`.
+    impedance: [[T; C]; C],
     /// Distance from the first wheelset to the last, m.
     pub(super) length_m: T,
     h: T,
@@ -113,8 +114,7 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
             inverse: core::array::from_fn(|r| core::array::from_fn(|c| inverse[(r, c)])),
             eta: [T::zero(); C],
             response: [[T::zero(); D]; C],
-            lower: [[T::zero(); C]; C],
-            diagonal: [T::zero(); C],
+            impedance: [[T::zero(); C]; C],
             length_m: car.length_m(),
             h,
             beta_h2,
@@ -123,8 +123,6 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
             steps.eta[i] = eta(&contact.spring);
             steps.response[i] = steps.inverse.map(|row| dot(&row, &contact.spring.lever) * steps.eta[i]);
         }
-        // Row i of Z, from column i on, and its elimination from those below.
-        let mut impedance = [[T::zero(); C]; C];
         for (i, contact) in car.contacts.iter().enumerate() {
             for (j, response) in steps.response.iter().enumerate() {
                 let own = if i == j {
@@ -132,18 +130,7 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
                 } else {
                     T::zero()
                 };
-                impedance[i][j] = own - steps.eta[i] * dot(&contact.spring.lever, response);
-            }
-        }
-        for i in 0..car.contacts.len() {
-            let pivot = impedance[i][i];
-            steps.diagonal[i] = pivot;
-            // A contact that bears constant forces only has no impedance, and none with others.
-            let inverse = if pivot == T::zero() { T::zero() } else { pivot.recip() };
-            steps.lower[i] = impedance[i].map(|z| z * inverse);
-            let row = impedance[i];
-            for k in i + 1..car.contacts.len() {
-                add_scaled(&mut impedance[k], -steps.lower[i][k], &row);
+                steps.impedance[i][j] = own - steps.eta[i] * dot(&contact.spring.lever, response);
             }
         }
         Ok(steps)
@@ -177,18 +164,18 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
         }
     }
 
-    /// Adds the impedance of a car's contacts with `shapes` under them to the upper triangle of the bridge's matrix:
-    /// `sum_ij phi_i Z_ij phi_j^T = sum_i d_i psi_i psi_i^T`, `psi_i = sum_j L_ji phi_j`.
-    pub fn burden<const M: usize>(&self, contacts: usize, shapes: &[[T; M]; C], matrix: &mut [[T; M]; M]) {
-        for i in 0..contacts.min(C) {
-            let mut psi = shapes[i];
-            for j in i + 1..contacts.min(C) {
-                add_scaled(&mut psi, self.lower[i][j], &shapes[j]);
+    /// Adds `sum_ij phi_i Z_ij phi_j^T` to the upper triangle of the bridge's matrix, for the contacts `on` the bridge with
+    /// `shapes` under them.
+    pub fn burden<const M: usize>(&self, on: Range<usize>, shapes: &[[T; M]; C], matrix: &mut [[T; M]; M]) {
+        for i in on.start.min(C)..on.end.min(C) {
+            let mut weighted = [T::zero(); M];
+            for j in on.start.min(C)..on.end.min(C) {
+                add_scaled(&mut weighted, self.impedance[i][j], &shapes[j]);
             }
+            let shape = &shapes[i];
             for r in 0..M {
-                let factor = self.diagonal[i] * psi[r];
                 for c in r..M {
-                    matrix[r][c] += factor * psi[c];
+                    matrix[r][c] += shape[r] * weighted[c];
                 }
             }
         }

@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 
 use crate::bridge::ModalBridge;
-use crate::math::Real;
+use crate::math::{Real, entries};
 use crate::train::Motion;
 
 /// A bridge as `M` modes, mass-normalised, with their shapes along the way of the wheels.
@@ -16,7 +16,7 @@ pub trait Modes<T: Real, const M: usize> {
     fn length_m(&self) -> T;
     /// Derivative of order `order` (0, 1 or 2) along the way of what a unit of each mode moves a wheelset by, at `x_m` from the
     /// way's beginning: kg^-1/2 (rad kg^-1/2 in [`Motion::Roll`]) per m^order. Beyond an end, its value there.
-    fn shape(&self, motion: Motion, order: u8, x_m: T) -> SVector<T, M>;
+    fn shape(&self, motion: Motion, order: u8, x_m: T) -> [T; M];
 }
 
 /// Weights of the displacement and slope at the left and at the right end of a beam of length `length`, for the `order`-th
@@ -56,10 +56,10 @@ impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
         ModalBridge::length_m(self)
     }
 
-    fn shape(&self, motion: Motion, order: u8, x_m: T) -> SVector<T, M> {
+    fn shape(&self, motion: Motion, order: u8, x_m: T) -> [T; M] {
         let nodes = self.position_m.get(..self.nodes).unwrap_or_default();
         if motion != Motion::Vertical || nodes.len() < 2 {
-            return SVector::zeros();
+            return [T::zero(); M];
         }
         // The last element whose beginning has been reached: found at once where they are equal, by a few steps elsewhere.
         let last = nodes.len() - 2;
@@ -74,7 +74,7 @@ impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
             nodes.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
             self.path.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
         ) else {
-            return SVector::zeros();
+            return [T::zero(); M];
         };
         let length = b - a;
         let part = (x_m - a) / length;
@@ -86,12 +86,8 @@ impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
             part
         };
         let [w1, s1, w2, s2] = hermite(order, part, length);
-        let mut shape = left[0] * w1;
-        for (row, weight) in [(&left[1], s1), (&right[0], w2), (&right[1], s2)] {
-            for k in 0..M {
-                shape[k] += row[k] * weight;
-            }
-        }
-        shape
+        let [[left, left_slope], [right, right_slope]] =
+            [left, right].map(|[value, slope]| [entries(value), entries(slope)]);
+        core::array::from_fn(|k| left[k] * w1 + left_slope[k] * s1 + right[k] * w2 + right_slope[k] * s2)
     }
 }

@@ -16,6 +16,8 @@
 //! Multiplications of a step with `m` modes, a car of `d` degrees of freedom and `s` springs, `n` contacts a car:
 //! `m^3 / 6` once, and for each car on the bridge `n m (m / 2 + n + 8) + d (d + 2 s + 5 n)`.
 
+use core::ops::Range;
+
 use nalgebra::SVector;
 
 use super::car::{CarState, CarSteps, Lead};
@@ -301,11 +303,11 @@ where
             let Some(shapes) = shapes.get_mut(index - first) else {
                 break;
             };
-            let loads = self.couple(index, car, front, now.speed_mps, &felt, shapes);
-            for (shape, &load) in shapes.iter().zip(&loads).take(car.contacts.len()) {
+            let (loads, on) = self.couple(index, car, front, now.speed_mps, &felt, shapes);
+            for (shape, &load) in shapes.iter().zip(&loads).take(on.end).skip(on.start) {
                 add_scaled(&mut force, load, shape);
             }
-            steps.burden(car.contacts.len(), shapes, &mut matrix);
+            steps.burden(on, shapes, &mut matrix);
         }
 
         if aboard.is_empty() {
@@ -337,7 +339,7 @@ where
     }
 
     /// Predicts a car whose front is `front` m from the end that it enters by. Fills in the shapes under its contacts, zero where
-    /// they are not on the bridge, and gives their forces on it.
+    /// they are not on the bridge, and gives their forces on it and which of them are.
     fn couple(
         &mut self,
         index: usize,
@@ -346,17 +348,20 @@ where
         speed: T,
         felt: &SVector<T, M>,
         shapes: &mut Shapes<T, M, C>,
-    ) -> [T; C] {
+    ) -> ([T; C], Range<usize>) {
+        let mut on = 0..0;
         let mut leads = [Lead::still(); C];
         let mut loads = [T::zero(); C];
         let corner_m = self.corner_s * speed;
-        for ((contact, shape), lead) in car.contacts.iter().zip(shapes.iter_mut()).zip(&mut leads) {
+        for (i, ((contact, shape), lead)) in car.contacts.iter().zip(shapes.iter_mut()).zip(&mut leads).enumerate() {
             let way = front - contact.behind_m;
             *lead = self.irregularity(contact.motion, way, speed);
             if way < -corner_m || way > self.length_m + corner_m {
                 continue;
             }
-            *shape = self.shape(contact, way, speed).into();
+            // Contacts stand one behind the other, so those on the bridge are neighbours.
+            on = if on.is_empty() { i } else { on.start }..i + 1;
+            *shape = self.shape(contact, way, speed);
             lead.place += dot(shape, entries(felt));
             lead.rate += dot(shape, entries(&self.velocity));
             if self.run.kinematics == Kinematics::Convective {
@@ -369,11 +374,11 @@ where
         for (load, contact) in loads.iter_mut().zip(&car.contacts) {
             *load -= self.run.load_factor * contact.load_n;
         }
-        loads
+        (loads, on)
     }
 
     /// The shape under a contact `way` m from the end that the train enters by.
-    fn shape(&self, contact: &Contact<T, D>, way: T, speed: T) -> SVector<T, M> {
+    fn shape(&self, contact: &Contact<T, D>, way: T, speed: T) -> [T; M] {
         let mut shape = self.bridge.shape(contact.motion, 0, self.along(way));
         let corner_m = self.corner_s * speed;
         let to_go = self.length_m - way;
@@ -387,7 +392,7 @@ where
             let end = self.along(end);
             let inward = if end == T::zero() { T::one() } else { -T::one() };
             let slope = self.bridge.shape(contact.motion, 1, end);
-            shape.axpy(inward * step_m * corner(from_end / step_m), &slope, T::one());
+            add_scaled(&mut shape, inward * step_m * corner(from_end / step_m), &slope);
         }
         shape
     }
@@ -398,11 +403,11 @@ where
         let (along, x) = (self.signed(speed), self.along(way));
         let [slope, curvature] = [1, 2].map(|order| self.bridge.shape(contact.motion, order, x));
         // The accelerations at the end of the step are not known yet; those at its beginning stand in.
-        let rate = slope.dot(&self.velocity) + half_h * slope.dot(&self.acceleration);
-        let incline = slope.dot(felt);
+        let rate = dot(&slope, entries(&self.velocity)) + half_h * dot(&slope, entries(&self.acceleration));
+        let incline = dot(&slope, entries(felt));
         lead.rate += along * incline;
         lead.acceleration += T::of(2.0) * along * rate
-            + along * along * curvature.dot(felt)
+            + along * along * dot(&curvature, entries(felt))
             + self.signed(self.run.acceleration_mps2) * incline;
     }
 
@@ -486,18 +491,18 @@ where
 }
 
 /// Solves `matrix x = rhs` in place, `matrix` symmetric, positive and given by its upper triangle, by elimination.
+///
+/// Rows are worked on whole, though half of each is not needed: loops of fixed length become straight code.
 fn solve<T: Real, const M: usize>(matrix: &mut [[T; M]; M], rhs: &mut [T; M]) {
     for p in 0..M {
-        let row = matrix[p];
-        let inverse = row[p].recip();
+        let pivot = matrix[p];
+        let inverse = pivot[p].recip();
         // The pivot's place keeps its inverse.
         matrix[p][p] = inverse;
         let above = rhs[p];
         for r in p + 1..M {
-            let factor = row[r] * inverse;
-            for c in r..M {
-                matrix[r][c] -= factor * row[c];
-            }
+            let factor = pivot[r] * inverse;
+            add_scaled(&mut matrix[r], -factor, &pivot);
             rhs[r] -= factor * above;
         }
     }
