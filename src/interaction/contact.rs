@@ -61,9 +61,15 @@ impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
         if motion != Motion::Vertical || nodes.len() < 2 {
             return SVector::zeros();
         }
-        // The last element whose beginning has been reached.
-        let inner = nodes.get(1..nodes.len() - 1).unwrap_or_default();
-        let span = inner.iter().take_while(|&&begin| begin <= x_m).count();
+        // The last element whose beginning has been reached: found at once where they are equal, by a few steps elsewhere.
+        let last = nodes.len() - 2;
+        let mut span = (x_m / (nodes[1] - nodes[0])).whole().min(last);
+        while span > 0 && nodes[span] > x_m {
+            span -= 1;
+        }
+        while span < last && nodes[span + 1] <= x_m {
+            span += 1;
+        }
         let (Some(&[a, b]), Some([left, right])) = (
             nodes.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
             self.path.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
@@ -71,8 +77,21 @@ impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
             return SVector::zeros();
         };
         let length = b - a;
-        let part = ((x_m - a) / length).max(T::zero()).min(T::one());
+        let part = (x_m - a) / length;
+        let part = if part < T::zero() {
+            T::zero()
+        } else if part > T::one() {
+            T::one()
+        } else {
+            part
+        };
         let [w1, s1, w2, s2] = hermite(order, part, length);
-        SVector::from_fn(|k, _| left[0][k] * w1 + left[1][k] * s1 + right[0][k] * w2 + right[1][k] * s2)
+        let mut shape = left[0] * w1;
+        for (row, weight) in [(&left[1], s1), (&right[0], w2), (&right[1], s2)] {
+            for k in 0..M {
+                shape[k] += row[k] * weight;
+            }
+        }
+        shape
     }
 }
