@@ -18,15 +18,15 @@ const INSTRUCTIONS_PER_TICK: u64 = 40;
 
 /// Most instructions a step of the logger's whole identification, everything in it counted: the steps with all of a
 /// train's passage (before, on and after the bridge), the recorder's filter, the misfit, the eigenproblem of each damage
-/// pattern, the search. Measured: 3112, 5987 and 9111; the limits leave 3 % for another compiler.
-const ONE_INSPECTION_CAR: u64 = 3205;
-const SIXTEEN_INSPECTION_CARS: u64 = 6167;
-const SIXTEEN_SHINKANSEN_CARS: u64 = 9384;
+/// pattern, the search. Measured: 2863, 4872 and 6925; the limits leave 3 % for another compiler.
+const ONE_INSPECTION_CAR: u64 = 2949;
+const SIXTEEN_INSPECTION_CARS: u64 = 5018;
+const SIXTEEN_SHINKANSEN_CARS: u64 = 7133;
 
 /// Most instructions of a step alone with 0, 1, 2 and 3 cars on the bridge, 8 modes. More than three cars of 17.5 m and
-/// more at a pitch of 25 m do not fit on 50 m.
-const STEP_INSPECTION: [u64; 4] = [2013, 5076, 7728, 8950];
-const STEP_SHINKANSEN: [u64; 4] = [2556, 6739, 12_027, 14_042];
+/// more at a pitch of 25 m do not fit on 50 m. Measured: 1091, 4047, 5863, 7182 and 1091, 5123, 8318, 10588.
+const STEP_INSPECTION: [u64; 4] = [1124, 4168, 6039, 7397];
+const STEP_SHINKANSEN: [u64; 4] = [1124, 5277, 8568, 10_906];
 
 /// A passage takes less than a second; a loaded machine may take a while.
 const PATIENCE: Duration = Duration::from_secs(60);
