@@ -18,15 +18,15 @@ const INSTRUCTIONS_PER_TICK: u64 = 40;
 
 /// Most instructions a step of the logger's whole identification, everything in it counted: the steps with all of a
 /// train's passage (before, on and after the bridge), the recorder's filter, the misfit, the eigenproblem of each damage
-/// pattern, the search. Measured: 2863, 4872 and 6925; the limits leave 3 % for another compiler.
-const ONE_INSPECTION_CAR: u64 = 2949;
-const SIXTEEN_INSPECTION_CARS: u64 = 5018;
-const SIXTEEN_SHINKANSEN_CARS: u64 = 7133;
+/// pattern, the search. Measured: 2703, 4698 and 6637; the limits leave 3 % for another compiler.
+const ONE_INSPECTION_CAR: u64 = 2784;
+const SIXTEEN_INSPECTION_CARS: u64 = 4839;
+const SIXTEEN_SHINKANSEN_CARS: u64 = 6836;
 
 /// Most instructions of a step alone with 0, 1, 2 and 3 cars on the bridge, 8 modes. More than three cars of 17.5 m and
-/// more at a pitch of 25 m do not fit on 50 m. Measured: 1091, 4047, 5863, 7182 and 1091, 5123, 8318, 10588.
-const STEP_INSPECTION: [u64; 4] = [1124, 4168, 6039, 7397];
-const STEP_SHINKANSEN: [u64; 4] = [1124, 5277, 8568, 10_906];
+/// more at a pitch of 25 m do not fit on 50 m. Measured: 1095, 3698, 5752, 6826 and 1095, 4670, 8407, 10132.
+const STEP_INSPECTION: [u64; 4] = [1128, 3809, 5925, 7031];
+const STEP_SHINKANSEN: [u64; 4] = [1128, 4810, 8659, 10_436];
 
 /// A passage takes less than a second; a loaded machine may take a while.
 const PATIENCE: Duration = Duration::from_secs(60);
