@@ -9,7 +9,7 @@ use host_sim::model::Structure;
 use host_sim::replay::{self, Prepared};
 use host_sim::simulate::{Scenario, simulate};
 use spanwatch::logger::Logger;
-use spanwatch::wire::message::{Event, Reason, Verdict};
+use spanwatch::wire::message::{Event, Reason, TrainKind, Verdict};
 
 fn girder50() -> Structure {
     Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands")
@@ -101,7 +101,9 @@ fn a_passage_during_an_identification_is_reported_and_the_one_after_is_identifie
     let prepared = prepared("case1-60kmh.csv");
     let scenario = Scenario {
         tail_s: 20.0,
-        ..Case::numbered(1).expect("a case").scenario(Signal::Recorded)
+        ..Case::numbered(1, TrainKind::Inspection2Dof)
+            .expect("a case")
+            .scenario(Signal::Recorded)
     };
     let passage = simulate(&girder50(), &scenario).expect("simulates");
     let channel = &prepared.recording.channels[0];

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 use std::convert::Infallible;
 
-use host_sim::evaluate::{CASES_2DOF, Case, Signal};
+use host_sim::evaluate::{Case, Signal, cases};
 use host_sim::identification::{Known, Method, Observed, search};
 use host_sim::model::{self, BridgeFrame};
 use host_sim::simulate::Scenario;
@@ -15,13 +15,14 @@ use spanwatch::identify::code::CODE_BITS;
 use spanwatch::identify::{
     CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Problem, micro_ga, paper_ga,
 };
+use spanwatch::wire::message::TrainKind;
 
 fn girder50() -> BridgeFrame {
     model::shipped("girder50").expect("shipped")
 }
 
 fn case(number: u32) -> Case {
-    Case::numbered(number).expect("a case of the paper")
+    Case::numbered(number, TrainKind::Inspection2Dof).expect("a case of the paper")
 }
 
 fn code(of: &[(usize, u8)]) -> DamageCode {
@@ -50,13 +51,16 @@ fn xoshiro(seed: u64) -> Xoshiro128PlusPlus {
 // ---- the logger's identification ------------------------------------------------------------------------------------
 
 #[test]
-fn hybrid_finds_all_eight_cases_of_the_paper() {
+fn hybrid_finds_all_sixteen_cases_of_the_paper() {
     // Measured over 20 seeds: 52 to 88 solves, where the paper's population judges 50 codes a generation.
     const SOLVES: u32 = 130;
     // Without noise the damage is known to the square root of what counts as explained, and the valley's flatness.
     const POINTS: f32 = 0.005;
     let bridge = girder50();
-    for case in CASES_2DOF {
+    for case in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d]
+        .into_iter()
+        .flat_map(cases)
+    {
         let recording = Observed::simulated(&bridge, &case.scenario(Signal::Recorded)).expect("simulates");
         let problem = recording.problem();
         for seed in 1..=if case.cars == 1 { 3 } else { 1 } {
@@ -64,8 +68,9 @@ fn hybrid_finds_all_eight_cases_of_the_paper() {
             let truth = case.scenario(Signal::Recorded).damage;
             let off = (found.damage.iter().zip(truth)).fold(0.0_f32, |off, (d, t)| off.max((d - t as f32).abs()));
             println!(
-                "case {}: {:?}, off by {off:.4}, {} solves",
+                "case {} of {:?}: {:?}, off by {off:.4}, {} solves",
                 case.number,
+                case.train,
                 found.code.genes(),
                 found.forward_solves
             );

@@ -8,101 +8,78 @@ use spanwatch::bridge::Damage;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::DamageCode;
 use spanwatch::interaction::simulation::LONGEST_STEP_S;
+use spanwatch::wire::message::TrainKind;
 
 use crate::batch;
 use crate::identification::{Found, Known, Method, Observed, search};
 use crate::model::BridgeFrame;
 use crate::simulate::Scenario;
+use crate::train::TrainName;
 
-/// A case of the paper's Tables 6 and 7.
+/// A case of the paper's Tables 6 to 8.
 #[derive(Debug, Clone, Copy)]
 pub struct Case {
     /// Its number.
     pub number: u32,
+    /// The car.
+    pub train: TrainKind,
     /// Damaged elements (from 1) and their true damage.
     pub damage: &'static [(usize, f64)],
     /// Speed, km/h.
     pub speed_kmh: f64,
     /// Cars.
     pub cars: usize,
-    /// Generations that the paper needed.
-    pub paper_generations: u32,
+    /// Generations that the paper needed; none where it found nothing in 1000.
+    pub paper_generations: Option<u32>,
 }
 
-/// Tables 6 and 7: the inspection car.
-pub const CASES_2DOF: [Case; 8] = [
-    Case {
-        number: 1,
-        damage: &[(5, 0.11)],
-        speed_kmh: 60.0,
-        cars: 1,
-        paper_generations: 12,
-    },
-    Case {
-        number: 2,
-        damage: &[(5, 0.41)],
-        speed_kmh: 60.0,
-        cars: 1,
-        paper_generations: 40,
-    },
-    Case {
-        number: 3,
-        damage: &[(1, 0.11)],
-        speed_kmh: 60.0,
-        cars: 1,
-        paper_generations: 2,
-    },
-    Case {
-        number: 4,
-        damage: &[(1, 0.21), (5, 0.41)],
-        speed_kmh: 60.0,
-        cars: 1,
-        paper_generations: 265,
-    },
-    Case {
-        number: 5,
-        damage: &[(5, 0.11)],
-        speed_kmh: 120.0,
-        cars: 1,
-        paper_generations: 8,
-    },
-    Case {
-        number: 6,
-        damage: &[(5, 0.11)],
-        speed_kmh: 270.0,
-        cars: 1,
-        paper_generations: 9,
-    },
-    Case {
-        number: 7,
-        damage: &[(5, 0.11)],
-        speed_kmh: 120.0,
-        cars: 16,
-        paper_generations: 15,
-    },
-    Case {
-        number: 8,
-        damage: &[(5, 0.11)],
-        speed_kmh: 270.0,
-        cars: 16,
-        paper_generations: 169,
-    },
-];
+/// Loss of element 5 in cases 1 and 5 to 8.
+const SLIGHT: &[(usize, f64)] = &[(5, 0.11)];
+/// Losses of cases 1 to 4.
+const LOSSES: [&[(usize, f64)]; 4] = [SLIGHT, &[(5, 0.41)], &[(1, 0.11)], &[(1, 0.21), (5, 0.41)]];
+
+/// The eight cases of a car: Tables 6 and 7 for the inspection car, Table 8 and section 4.4 for the 15-DOF car, which
+/// runs in trains of sixteen but in cases 5 and 6.
+pub fn cases(train: TrainKind) -> [Case; 8] {
+    let (slow_cars, generations) = match train {
+        TrainKind::Inspection2Dof => (1, [12, 40, 2, 265, 8, 9, 15, 169].map(Some)),
+        TrainKind::Shinkansen3d => (16, [Some(57), Some(43), Some(187), Some(381), None, None, None, None]),
+    };
+    let runs = [
+        (60.0, slow_cars),
+        (60.0, slow_cars),
+        (60.0, slow_cars),
+        (60.0, slow_cars),
+        (120.0, 1),
+        (270.0, 1),
+        (120.0, 16),
+        (270.0, 16),
+    ];
+    std::array::from_fn(|i| Case {
+        number: i as u32 + 1,
+        train,
+        damage: LOSSES.get(i).copied().unwrap_or(SLIGHT),
+        speed_kmh: runs[i].0,
+        cars: runs[i].1,
+        paper_generations: generations[i],
+    })
+}
 
 impl Case {
-    /// The case of that number in the paper's Tables 6 and 7.
-    pub fn numbered(number: u32) -> Result<Self> {
-        (CASES_2DOF.into_iter().find(|case| case.number == number)).with_context(|| {
-            format!(
-                "there is no case {number}; the paper's cases are 1 to {}",
-                CASES_2DOF.len()
-            )
-        })
+    /// The case of that number and car.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn numbered(number: u32, train: TrainKind) -> Result<Self> {
+        let cases = cases(train);
+        (cases.into_iter().find(|case| case.number == number))
+            .with_context(|| format!("there is no case {number}; the paper's cases are 1 to {}", cases.len()))
     }
 
     /// The passage of this case.
     pub fn scenario(&self, signal: Signal) -> Scenario {
         let mut scenario = Scenario {
+            train: TrainName::Known(self.train),
             speed_kmh: self.speed_kmh,
             cars: Some(self.cars),
             ..Scenario::inspection_car()
@@ -297,7 +274,7 @@ pub fn table(rows: &[Row]) -> String {
                 format!("{} of {}", row.right(), row.found.len()),
                 pair(row.spread(|found| found.generations)),
                 pair(row.spread(|found| found.best_since)),
-                case.paper_generations.to_string(),
+                (case.paper_generations).map_or_else(|| "none".to_owned(), |generations| generations.to_string()),
                 pair(row.spread(|found| found.forward_solves)),
                 objective.map_or_else(String::new, |(m, _)| format!("{m:.1e}")),
                 format!("{:.1e}", row.nearest_objective),
@@ -337,6 +314,7 @@ pub fn json(rows: &[Row]) -> serde_json::Value {
         serde_json::json!({
             "method": row.method.name(),
             "case": row.case.number,
+            "train": TrainName::Known(row.case.train).name(),
             "speed_kmh": row.case.speed_kmh,
             "cars": row.case.cars,
             "damage": row.case.scenario(Signal::Raw).damage,

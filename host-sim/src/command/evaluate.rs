@@ -2,23 +2,24 @@
 
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
-use host_sim::evaluate::{self, CASES_2DOF, Case, Plan, Signal};
+use host_sim::evaluate::{self, Case, Plan, Signal};
 use host_sim::identification::Method;
 use host_sim::{model, terminal};
 use spanwatch::identify::paper_ga;
+use spanwatch::wire::message::TrainKind;
 
 use super::{print, print_json};
 
 /// What to evaluate.
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Search the paper's cases without noise, from mid-span alone (its Tables 6 and 7)
+    /// Search the paper's cases without noise, from mid-span alone (its Tables 6 to 8)
     Paper(Paper),
 }
 
 #[derive(Debug, Args)]
 pub(super) struct Paper {
-    /// Train of the cases; this version has the inspection car's
+    /// Train of the cases
     #[arg(long, value_enum, default_value_t = CaseTrain::Inspection2Dof)]
     train: CaseTrain,
     /// Cases, as 1,4,8; without it all eight
@@ -46,6 +47,9 @@ enum CaseTrain {
     /// The two-degree-of-freedom inspection car
     #[value(name = "inspection-2dof", alias = "2dof")]
     Inspection2Dof,
+    /// The 15-degree-of-freedom car
+    #[value(name = "shinkansen-3d", alias = "3d")]
+    Shinkansen3d,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -66,7 +70,10 @@ pub(super) fn run(command: &Command) -> Result<()> {
 }
 
 fn paper(arguments: &Paper) -> Result<()> {
-    let CaseTrain::Inspection2Dof = arguments.train;
+    let train = match arguments.train {
+        CaseTrain::Inspection2Dof => TrainKind::Inspection2Dof,
+        CaseTrain::Shinkansen3d => TrainKind::Shinkansen3d,
+    };
     if arguments.seeds == 0 {
         bail!("--seeds must be at least 1");
     }
@@ -74,12 +81,12 @@ fn paper(arguments: &Paper) -> Result<()> {
         bail!("--limit must be zero or a positive number, not {}", arguments.limit);
     }
     let cases = if arguments.cases.is_empty() {
-        CASES_2DOF.to_vec()
+        evaluate::cases(train).to_vec()
     } else {
         arguments
             .cases
             .iter()
-            .map(|&number| Case::numbered(number))
+            .map(|&number| Case::numbered(number, train))
             .collect::<Result<_>>()?
     };
     let methods = if arguments.method.is_empty() {
