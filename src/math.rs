@@ -20,6 +20,8 @@ pub trait Real: RealField + Copy + Into<f64> {
     fn exp_m1_exact(self) -> Self;
     /// The whole part of a number that is not negative; 0 for one that is.
     fn whole(self) -> usize;
+    /// A count, to the nearest value of this type. (By way of `f64` it would cost a hundred instructions on the logger.)
+    fn counted(count: i32) -> Self;
 }
 
 impl Real for f32 {
@@ -35,6 +37,9 @@ impl Real for f32 {
     fn whole(self) -> usize {
         self as usize
     }
+    fn counted(count: i32) -> Self {
+        count as f32
+    }
 }
 
 impl Real for f64 {
@@ -49,6 +54,9 @@ impl Real for f64 {
     }
     fn whole(self) -> usize {
         self as usize
+    }
+    fn counted(count: i32) -> Self {
+        count.into()
     }
 }
 

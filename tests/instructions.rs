@@ -18,15 +18,15 @@ const INSTRUCTIONS_PER_TICK: u64 = 40;
 
 /// Most instructions a step of the logger's whole identification, everything in it counted: the steps with all of a
 /// train's passage (before, on and after the bridge), the recorder's filter, the misfit, the eigenproblem of each damage
-/// pattern, the search. Measured: 2703, 4698 and 6637; the limits leave 3 % for another compiler.
-const ONE_INSPECTION_CAR: u64 = 2784;
-const SIXTEEN_INSPECTION_CARS: u64 = 4839;
-const SIXTEEN_SHINKANSEN_CARS: u64 = 6836;
+/// pattern, the search. Measured: 2643, 4371 and 6172; the limits leave 3 % for another compiler.
+const ONE_INSPECTION_CAR: u64 = 2723;
+const SIXTEEN_INSPECTION_CARS: u64 = 4503;
+const SIXTEEN_SHINKANSEN_CARS: u64 = 6358;
 
 /// Most instructions of a step alone with 0, 1, 2 and 3 cars on the bridge, 8 modes. More than three cars of 17.5 m and
-/// more at a pitch of 25 m do not fit on 50 m. Measured: 1095, 3698, 5752, 6826 and 1095, 4670, 8407, 10132.
-const STEP_INSPECTION: [u64; 4] = [1128, 3809, 5925, 7031];
-const STEP_SHINKANSEN: [u64; 4] = [1128, 4810, 8659, 10_436];
+/// more at a pitch of 25 m do not fit on 50 m. Measured: 724, 3528, 5600, 6664 and 724, 4472, 8010, 9814.
+const STEP_INSPECTION: [u64; 4] = [746, 3634, 5768, 6864];
+const STEP_SHINKANSEN: [u64; 4] = [746, 4607, 8251, 10_109];
 
 /// A passage takes less than a second; a loaded machine may take a while.
 const PATIENCE: Duration = Duration::from_secs(60);

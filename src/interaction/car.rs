@@ -169,8 +169,15 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
     pub fn burden<const M: usize>(&self, on: Range<usize>, shapes: &[[T; M]; C], matrix: &mut [[T; M]; M]) {
         for i in on.start.min(C)..on.end.min(C) {
             let mut weighted = [T::zero(); M];
-            for j in on.start.min(C)..on.end.min(C) {
-                add_scaled(&mut weighted, self.impedance[i][j], &shapes[j]);
+            if on.len() == C {
+                // A loop of fixed length becomes straight code, and cars are wholly on the bridge for most of their way.
+                for (&z, other) in self.impedance[i].iter().zip(shapes) {
+                    add_scaled(&mut weighted, z, other);
+                }
+            } else {
+                for j in on.start.min(C)..on.end.min(C) {
+                    add_scaled(&mut weighted, self.impedance[i][j], &shapes[j]);
+                }
             }
             let shape = &shapes[i];
             for r in 0..M {

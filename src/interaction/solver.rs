@@ -150,8 +150,9 @@ pub struct Interaction<'a, T: Real, B, R, const M: usize, const D: usize, const 
     acceleration: SVector<T, M>,
     /// States of the cars that touch the bridge, car `c` at place `c % A`.
     cars: [CarState<T, D>; A],
-    /// Cars that have reached the bridge so far.
+    /// Cars that have reached the bridge so far, and those of them that have left it.
     entered: usize,
+    left: usize,
 }
 
 /// The interaction as the logger has it: vertical motion on a girder with a smooth track.
@@ -221,6 +222,7 @@ where
             acceleration: SVector::zeros(),
             cars: [CarState::at_rest(); A],
             entered: 0,
+            left: 0,
         };
         let last = length_m + cars.train.length_m();
         if [this.first_way().unwrap_or(T::zero()), last]
@@ -280,9 +282,9 @@ where
         let now = self.run.after(self.steps as i32, h);
         let corner_m = self.corner_s * now.speed_mps;
         let mut shapes: [Shapes<T, M, C>; A] = [[[T::zero(); M]; C]; A];
-        let mut aboard = 0..0;
         let (kinds, places) = (self.kinds, self.places);
-        for (index, place) in places.iter().enumerate() {
+        let mut aboard = self.left..self.left;
+        for (index, place) in places.iter().enumerate().skip(self.left) {
             let front = now.way_m - place.behind_m;
             if front < -corner_m {
                 break;
@@ -292,15 +294,18 @@ where
             };
             // Until its last contact has left: on a bridge shorter than the car, the body swings on while none touches.
             if front - steps.length_m > self.length_m + corner_m {
+                if aboard.is_empty() {
+                    self.left = index + 1;
+                    aboard = self.left..self.left;
+                }
                 continue;
             }
             if index >= self.entered {
                 self.cars[index % A] = self.approach(place);
                 self.entered = index + 1;
             }
-            let first = if aboard.is_empty() { index } else { aboard.start };
-            aboard = first..index + 1;
-            let Some(shapes) = shapes.get_mut(index - first) else {
+            aboard.end = index + 1;
+            let Some(shapes) = shapes.get_mut(index - aboard.start) else {
                 break;
             };
             let (loads, on) = self.couple(index, car, front, now.speed_mps, &felt, shapes);
@@ -413,6 +418,9 @@ where
 
     /// What the irregularity does to a contact `way` m from the end that the train enters by.
     fn irregularity(&self, motion: Motion, way: T, speed: T) -> Lead<T> {
+        if self.track.extent_m().is_none() {
+            return Lead::still();
+        }
         let r = self.track.at(motion, self.along(way));
         let along = self.signed(speed);
         Lead {
