@@ -12,6 +12,7 @@ pub mod recording;
 pub mod replay;
 pub mod simulate;
 pub mod station;
+pub mod study;
 pub mod terminal;
 pub mod toml_text;
 pub mod track;

@@ -108,6 +108,36 @@ impl ModalModel {
                 .collect(),
         })
     }
+
+    /// The same bridge with its lowest `modes` modes only.
+    pub fn first(&self, modes: usize) -> Self {
+        let cut = |values: &[f64]| values[..modes.min(values.len())].to_vec();
+        let pair = |rows: &[Vec<f64>; 2]| [cut(&rows[0]), cut(&rows[1])];
+        Self {
+            name: self.name.clone(),
+            omega_squared: cut(&self.omega_squared),
+            damping: cut(&self.damping),
+            path: (self.path.iter())
+                .map(|at| PathPoint {
+                    x_m: at.x_m,
+                    vertical: pair(&at.vertical),
+                    lateral: pair(&at.lateral),
+                    roll: pair(&at.roll),
+                })
+                .collect(),
+            sensors: (self.sensors.iter())
+                .map(|sensor| Sensor {
+                    row: cut(&sensor.row),
+                    ..sensor.clone()
+                })
+                .collect(),
+        }
+    }
+
+    /// Length of the path of the wheels, m.
+    pub fn length_m(&self) -> f64 {
+        self.path.last().map_or(0.0, |end| end.x_m)
+    }
 }
 
 /// A row's value for a shape.
