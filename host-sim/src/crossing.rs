@@ -14,7 +14,7 @@ use crate::track::Profile;
 use crate::train::SpatialTrain;
 
 /// Most modes that are stepped.
-pub const MAX_MODES: usize = 160;
+pub const MAX_MODES: usize = 320;
 
 /// The interaction in space, with room for all cars on the bridge.
 type SpatialInteraction<'a, const M: usize> =
@@ -89,7 +89,8 @@ impl Crossing<'_> {
             0..=8 => self.solve_in::<8>(steps, each),
             9..=20 => self.solve_in::<20>(steps, each),
             21..=60 => self.solve_in::<60>(steps, each),
-            61..=MAX_MODES => self.solve_in::<MAX_MODES>(steps, each),
+            61..=160 => self.solve_in::<160>(steps, each),
+            161..=MAX_MODES => self.solve_in::<MAX_MODES>(steps, each),
             modes => bail!("{modes} modes are more than the {MAX_MODES} that are stepped here; ask for fewer"),
         }
     }

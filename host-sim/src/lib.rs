@@ -8,6 +8,7 @@ pub mod image;
 pub mod model;
 pub mod output;
 pub mod picture;
+pub mod prediction;
 pub mod recording;
 pub mod replay;
 pub mod simulate;

@@ -178,7 +178,7 @@ fn draw(canvas: &Canvas<'_>, plot: &Plot, top: f64) -> Result<()> {
     canvas.legend(top - 14.0, &marks)?;
     let panel = canvas.panel(top, plot.height, plot.x.range(), plot.y.range());
     let along = plot.x.ticks(10);
-    panel.grid(&along, &plot.y.ticks((plot.height / 40.0).max(2.0) as usize))?;
+    panel.grid(&along, &plot.y.ticks((plot.height / 30.0) as usize))?;
     panel.y_label(&plot.y.label)?;
     if let Some((value, words)) = &plot.level {
         let (y, (low, high)) = (plot.y.place(*value), plot.x.range());
