@@ -179,7 +179,7 @@ pub fn table(found: &NodeMaxima) -> String {
             text,
             "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
             node + 1,
-            format!("{:.0} > {:.0}", paper[0], paper[1]),
+            paper.map(|gal| gal.to_string()).join(" > "),
             pair(of(shown)),
             pair(of(&found.smooth)),
             range(&|maxima| maxima[0][node], 1),
