@@ -14,7 +14,7 @@ use crate::track::Profile;
 use crate::train::SpatialTrain;
 
 /// Most modes that are stepped.
-pub const MAX_MODES: usize = 160;
+pub const MAX_MODES: usize = 320;
 
 /// The interaction in space, with room for all cars on the bridge.
 type SpatialInteraction<'a, const M: usize> =
@@ -48,7 +48,37 @@ pub struct State<'a> {
     pub acceleration: &'a [f64],
 }
 
+/// What a row of the modes shows of a crossing, from time 0 on, a value a step.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Watched {
+    /// Displacement, m.
+    pub displacement_m: Vec<f64>,
+    /// Acceleration, m/s².
+    pub acceleration_mps2: Vec<f64>,
+}
+
 impl Crossing<'_> {
+    /// Solves `steps` steps from rest at time 0 and keeps what each of `rows` (mass-normalised shapes) shows, `steps + 1`
+    /// values.
+    ///
+    /// # Errors
+    /// As [`Self::solve`].
+    pub fn watch(&self, steps: usize, rows: &[&[f64]]) -> Result<Vec<Watched>> {
+        let at_rest = Watched {
+            displacement_m: vec![0.0],
+            acceleration_mps2: vec![0.0],
+        };
+        let mut watched = vec![at_rest; rows.len()];
+        self.solve(steps, &mut |state| {
+            for (watched, row) in watched.iter_mut().zip(rows) {
+                let shown = |modal: &[f64]| row.iter().zip(modal).map(|(row, q)| row * q).sum();
+                watched.displacement_m.push(shown(state.position));
+                watched.acceleration_mps2.push(shown(state.acceleration));
+            }
+        })?;
+        Ok(watched)
+    }
+
     /// Solves `steps` steps from rest at time 0 and shows the state after each; `each` is called `steps` times.
     ///
     /// # Errors
@@ -59,7 +89,8 @@ impl Crossing<'_> {
             0..=8 => self.solve_in::<8>(steps, each),
             9..=20 => self.solve_in::<20>(steps, each),
             21..=60 => self.solve_in::<60>(steps, each),
-            61..=MAX_MODES => self.solve_in::<MAX_MODES>(steps, each),
+            61..=160 => self.solve_in::<160>(steps, each),
+            161..=MAX_MODES => self.solve_in::<MAX_MODES>(steps, each),
             modes => bail!("{modes} modes are more than the {MAX_MODES} that are stepped here; ask for fewer"),
         }
     }

@@ -10,6 +10,7 @@ mod identify;
 mod logger;
 mod measure;
 mod model;
+mod predict;
 mod replay;
 mod show_frame;
 mod simulate;
@@ -55,9 +56,12 @@ enum Command {
     Identify(identify::Arguments),
     /// Send recordings through a logger, print and store what it reports
     Replay(replay::Arguments),
-    /// Search the paper's cases again and set the result beside its tables
+    /// Search the paper's cases again, and make the figures again that choices and claims rest on
     #[command(subcommand)]
     Evaluate(evaluate::Command),
+    /// Predict what a real bridge would do under a train, with pictures and tables of values
+    #[command(subcommand)]
+    Predict(predict::Command),
     /// Run a logger on this computer, on a TCP line
     Logger(logger::Arguments),
     /// Measure the firmware image: bytes, and instructions counted in QEMU
@@ -77,6 +81,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Evaluate(command) => evaluate::run(&command),
+        Command::Predict(command) => predict::run(&command),
         Command::Logger(arguments) => logger::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
         Command::Model(command) => model::run(&command),

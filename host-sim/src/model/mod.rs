@@ -2,7 +2,7 @@
 //!
 //! [`mod@file`] reads what an engineer wrote, a girder or a [`frame`], and makes a [`BridgeFrame`] of it; [`structure`] is
 //! that in finite elements, with the [`path`] of the wheels. [`eigen`] finds its natural modes, [`modal`] makes of them
-//! what the time solution wants, [`reduce`] the [`ReducedBridge`] of a logger; [`shapes`] takes the mode shapes back out
+//! what the time solution wants, [`influence`] says what standing loads do, [`reduce`] the [`ReducedBridge`] of a logger; [`shapes`] takes the mode shapes back out
 //! of it, for the eye.
 //!
 //! [`ReducedBridge`]: spanwatch::bridge::ReducedBridge
@@ -12,6 +12,7 @@ pub mod eigen;
 pub mod file;
 pub mod frame;
 pub mod girder;
+pub mod influence;
 pub mod modal;
 pub mod participation;
 pub mod path;

@@ -108,6 +108,56 @@ impl ModalModel {
                 .collect(),
         })
     }
+
+    /// The same bridge with only those modes, by their place in the model, that `keep` says.
+    pub fn keeping(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.omega_squared.len()).filter(|&k| keep(k)).collect();
+        let of = |values: &[f64]| kept.iter().map(|&k| values[k]).collect::<Vec<f64>>();
+        let pair = |rows: &[Vec<f64>; 2]| [of(&rows[0]), of(&rows[1])];
+        Self {
+            name: self.name.clone(),
+            omega_squared: of(&self.omega_squared),
+            damping: of(&self.damping),
+            path: (self.path.iter())
+                .map(|at| PathPoint {
+                    x_m: at.x_m,
+                    vertical: pair(&at.vertical),
+                    lateral: pair(&at.lateral),
+                    roll: pair(&at.roll),
+                })
+                .collect(),
+            sensors: (self.sensors.iter())
+                .map(|sensor| Sensor {
+                    row: of(&sensor.row),
+                    ..sensor.clone()
+                })
+                .collect(),
+        }
+    }
+
+    /// The same bridge with only those modes by which wheels move a sensor: the product of the largest shape under the
+    /// wheels and the largest at a sensor is at least `part` of that of the mode in which it is largest.
+    ///
+    /// Slender members have many slow modes of their own, which hardly feel the wheels.
+    pub fn moved_by_wheels(&self, sensors: &[u16], part: f64) -> Self {
+        let most = |k: usize, rows: &mut dyn Iterator<Item = &Vec<f64>>| {
+            rows.fold(0.0_f64, |most, row| most.max(row[k].abs()))
+        };
+        let reach: Vec<f64> = (0..self.omega_squared.len())
+            .map(|k| {
+                let mut path = self.path.iter().flat_map(|at| [&at.vertical[0], &at.lateral[0]]);
+                let seen = self.sensors.iter().filter(|sensor| sensors.contains(&sensor.number));
+                most(k, &mut path) * most(k, &mut seen.map(|sensor| &sensor.row))
+            })
+            .collect();
+        let largest = reach.iter().copied().fold(0.0, f64::max);
+        self.keeping(|k| reach[k] >= part * largest)
+    }
+
+    /// Length of the path of the wheels, m.
+    pub fn length_m(&self) -> f64 {
+        self.path.last().map_or(0.0, |end| end.x_m)
+    }
 }
 
 /// The largest value of each quantity in a mode.

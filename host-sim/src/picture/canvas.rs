@@ -21,6 +21,7 @@ pub(super) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
 pub(super) const BLUE: RGBColor = RGBColor(0x00, 0x72, 0xB2);
 pub(super) const SKY: RGBColor = RGBColor(0x8C, 0xC8, 0xEA);
 pub(super) const VERMILION: RGBColor = RGBColor(0xD5, 0x5E, 0x00);
+pub(super) const GREEN: RGBColor = RGBColor(0x00, 0x9E, 0x73);
 
 /// Text sizes, px.
 pub(super) const TITLE: f64 = 22.0;
@@ -31,6 +32,8 @@ pub(super) const SMALL: f64 = 13.0;
 pub(super) struct Ticks {
     pub(super) values: Vec<f64>,
     pub(super) decimals: usize,
+    /// The axis shows the logarithm; numbers are written as what it is taken of.
+    pub(super) logarithmic: bool,
 }
 
 impl Ticks {
@@ -38,10 +41,19 @@ impl Ticks {
         Self {
             values: Vec::new(),
             decimals: 0,
+            logarithmic: false,
         }
     }
 
     pub(super) fn text(&self, value: f64) -> String {
+        if self.logarithmic {
+            let number = 10_f64.powf(value);
+            return match number {
+                1e6.. => format!("{:.0} million", number / 1e6),
+                1.0.. => format!("{number:.0}"),
+                _ => format!("{number:.*}", (-value).ceil() as usize),
+            };
+        }
         let text = format!("{:.*}", self.decimals, value);
         // A typographic minus; no minus before zero.
         match text.strip_prefix('-') {
@@ -71,6 +83,21 @@ pub(super) fn ticks(low: f64, high: f64, count: usize) -> Ticks {
     Ticks {
         values: (first..=last).map(|k| k as f64 * step).collect(),
         decimals: (-step.log10().floor()).max(0.0) as usize,
+        logarithmic: false,
+    }
+}
+
+/// The powers of ten, and 2 and 5 times these on a short axis, whose logarithm is from `low` to `high`.
+pub(super) fn decades(low: f64, high: f64) -> Ticks {
+    let factors: &[f64] = if high - low > 2.5 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let powers = low.floor() as i32..=high.ceil() as i32;
+    Ticks {
+        values: powers
+            .flat_map(|power| factors.iter().map(move |factor| f64::from(power) + factor.log10()))
+            .filter(|value| (low - 1e-9..=high + 1e-9).contains(value))
+            .collect(),
+        decimals: 0,
+        logarithmic: true,
     }
 }
 
@@ -86,6 +113,7 @@ pub(super) fn around_zero(half: f64) -> Ticks {
     Ticks {
         values: vec![-step, 0.0, step],
         decimals: (-step.log10().floor()).max(0.0) as usize,
+        logarithmic: false,
     }
 }
 
@@ -93,6 +121,7 @@ pub(super) fn around_zero(half: f64) -> Ticks {
 #[derive(Clone, Copy)]
 pub(super) enum Mark {
     Line(RGBAColor, f64),
+    Dashed(RGBAColor, f64),
     Box(RGBColor),
     Whisker,
     Diamond,
@@ -172,6 +201,37 @@ impl<'a> Canvas<'a> {
         self.area.draw(&PathElement::new(points, style)).map_err(failed)
     }
 
+    /// A line of dashes through points in pixels.
+    fn dashed(&self, points: &[(f64, f64)], style: ShapeStyle) -> Result<()> {
+        const DASH: f64 = 7.0;
+        const GAP: f64 = 4.0;
+        let mut walked = 0.0;
+        let mut dash = Vec::new();
+        for pair in points.windows(2) {
+            let ((x0, y0), (x1, y1)) = (pair[0], pair[1]);
+            let length = (x1 - x0).hypot(y1 - y0);
+            let mut done = 0.0;
+            while done < length {
+                let phase = walked % (DASH + GAP);
+                let rest = if phase < DASH { DASH } else { DASH + GAP } - phase;
+                // Never so little that rounding would make no way.
+                let next = (done + rest.max(1e-3)).min(length);
+                let at_part = |part: f64| at(x0 + (x1 - x0) * part / length, y0 + (y1 - y0) * part / length);
+                if phase < DASH {
+                    if dash.is_empty() {
+                        dash.push(at_part(done));
+                    }
+                    dash.push(at_part(next));
+                } else if !dash.is_empty() {
+                    self.path(std::mem::take(&mut dash), style)?;
+                }
+                walked += next - done;
+                done = next;
+            }
+        }
+        self.path(dash, style)
+    }
+
     pub(super) fn text(&self, text: &str, x: f64, y: f64, size: f64, colour: RGBColor, side: HPos) -> Result<()> {
         let style = TextStyle::from(("sans-serif", size * UNITS * 1.24).into_font())
             .color(&colour)
@@ -199,6 +259,7 @@ impl<'a> Canvas<'a> {
         for (mark, label) in marks {
             match *mark {
                 Mark::Line(colour, thick) => self.path(vec![at(x, y), at(x + 26.0, y)], stroke(colour, thick))?,
+                Mark::Dashed(colour, thick) => self.dashed(&[(x, y), (x + 26.0, y)], stroke(colour, thick))?,
                 Mark::Box(colour) => self.fill(x + 6.0, y - 6.0, x + 26.0, y + 6.0, colour)?,
                 Mark::Whisker => self.whisker(x + 16.0, y - 7.0, y + 7.0)?,
                 Mark::Diamond => self.diamond(x + 16.0, y)?,
@@ -297,6 +358,11 @@ impl Panel<'_, '_> {
         self.canvas.path(points, stroke(colour, width))
     }
 
+    pub(super) fn dashed(&self, points: &[(f64, f64)], colour: impl Into<RGBAColor>, width: f64) -> Result<()> {
+        let points: Vec<_> = points.iter().map(|&(x, y)| (self.px(x), self.py(y))).collect();
+        self.canvas.dashed(&points, stroke(colour, width))
+    }
+
     pub(super) fn area(&self, points: &[(f64, f64)], colour: RGBColor) -> Result<()> {
         let (first, last) = (points.first().map_or(0.0, |p| p.0), points.last().map_or(0.0, |p| p.0));
         let outline: Vec<_> = std::iter::once((first, 0.0))
@@ -329,10 +395,10 @@ impl Panel<'_, '_> {
         self.canvas.diamond(self.px(x), self.py(value))
     }
 
-    pub(super) fn dot(&self, x: f64, y: f64) -> Result<()> {
+    pub(super) fn dot(&self, x: f64, y: f64, colour: RGBColor) -> Result<()> {
         self.canvas
             .area
-            .draw(&Circle::new(at(self.px(x), self.py(y)), units(3.2), BLUE.filled()))
+            .draw(&Circle::new(at(self.px(x), self.py(y)), units(3.2), colour.filled()))
             .map_err(failed)
     }
 

@@ -1,8 +1,10 @@
-//! Pictures (SVG): what was identified from a passage, the mode shapes of a girder or a frame, the irregularity of a track.
+//! Pictures (SVG): what was identified from a passage, the mode shapes of a girder or a frame, the irregularity of a track,
+//! curves of any kind.
 //!
 //! Colours are of the palette of Okabe and Ito, which colour-blind eyes tell apart; no meaning rests on colour alone.
 
 mod canvas;
+pub mod chart;
 mod frame;
 pub mod track;
 
@@ -204,6 +206,7 @@ fn draw_damage(canvas: &Canvas<'_>, bars: &DamageBars<'_>, top: f64, height: f64
     let labels = Ticks {
         values: (1..=elements).map(|e| e as f64).collect(),
         decimals: 0,
+        logarithmic: false,
     };
     panel.x_axis(&labels, "element, from the end by which the train enters")
 }
@@ -235,7 +238,7 @@ pub fn mode_shapes(path: &Path, title: &str, node_m: &[f64], held: &[u16], shape
                 let place = x / length * last;
                 let (left, part) = (place.floor() as usize, place.fract());
                 let right = shape[(left + 1).min(shape.len() - 1)];
-                panel.dot(x, shape[left] * (1.0 - part) + right * part)?;
+                panel.dot(x, shape[left] * (1.0 - part) + right * part, BLUE)?;
                 if held.contains(&(i as u16 + 1)) {
                     panel.support(x)?;
                 }
