@@ -16,3 +16,4 @@ pub mod terminal;
 pub mod toml_text;
 pub mod track;
 pub mod train;
+pub mod validate;
