@@ -31,11 +31,19 @@ pub struct Beam {
     pub damping_ratio: f64,
 }
 
+/// The girder of the paper's examples, as this project declares it (`bridges/girder50.toml`).
+pub const GIRDER50: Beam = Beam {
+    length_m: 50.0,
+    bending_stiffness_nm2: 1.55148e11,
+    mass_kgpm: 5000.0,
+    damping_ratio: 0.02,
+};
+
 impl Beam {
     /// The lowest `modes` modes of the beam in `elements` finite elements, some of which have lost a part of their stiffness.
     ///
     /// # Errors
-    /// None for any beam here.
+    /// If the beam cannot stand: a length, stiffness or mass that is not positive.
     pub fn damaged(&self, elements: usize, modes: usize, damage: &[f64]) -> Result<ModalModel> {
         let file = BridgeFile {
             name: "beam".into(),
@@ -53,7 +61,7 @@ impl Beam {
     /// The same of the whole beam.
     ///
     /// # Errors
-    /// None for any beam here.
+    /// If the beam cannot stand: a length, stiffness or mass that is not positive.
     pub fn modes(&self, elements: usize, modes: usize) -> Result<ModalModel> {
         self.damaged(elements, modes, &[])
     }
@@ -107,7 +115,7 @@ pub fn force(load_n: f64) -> SpatialCar {
 /// A train of one car.
 ///
 /// # Errors
-/// None.
+/// If a train has no room for one.
 pub fn alone(car: SpatialCar) -> Result<SpatialTrain> {
     Train::uniform(car, 1, 0.0).context("one car")
 }

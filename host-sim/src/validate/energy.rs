@@ -40,12 +40,12 @@ use crate::track::{Spectrum, Stretch, generate};
 /// The topic.
 pub const TOPIC: Topic = Topic {
     title: "Energy of bridge and car",
-    about: "All dampers taken out of bridge and car; average acceleration at 0.1 ms, 20 m/s. Expected: the work of the weights and of \
-            the locomotive that pushes the wheels along the sloping rail, from the first wheel's entry on; found: what bridge, \
-            springs, bodies and wheelsets store more than then, both at the time when that is most. The difference is the \
-            largest at any time. With the paper's kinematics the work of the terms that it leaves out is counted too; they are \
-            no force's, and 'left out' says how much they come to. Irregular track: FRA class 1, seed 1, in all three motions \
-            of the wheelsets.",
+    about: "All dampers taken out of bridge and car; average acceleration at 0.1 ms, 20 m/s. Expected: the work of the \
+            weights and of the locomotive that pushes the wheels along the sloping rail, from the first wheel's entry on; \
+            found: what bridge, springs, bodies and wheelsets store more than then, both at the time when that is most. The \
+            difference is the largest at any time. With the paper's kinematics the work of the terms that it leaves out is \
+            counted too; they are no force's, and 'left out' says how much they come to. Irregular track: FRA class 1, seed \
+            1, in all three motions of the wheelsets.",
     rows,
 };
 

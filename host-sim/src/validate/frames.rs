@@ -20,8 +20,8 @@ use crate::model::{self, Structure};
 /// The topic.
 pub const TOPIC: Topic = Topic {
     title: "Elements, frames and cars",
-    about: "Beams of 10 m in sixteen elements, rods in twenty, a portal of 5 m by 8 m, beams in odd directions with hinges, offsets and \
-            stiff ends, the girder, the cars with their wheelsets held.",
+    about: "Beams of 10 m in sixteen elements, rods in twenty, a portal of 5 m by 8 m, beams in odd directions with hinges, \
+            offsets and stiff ends, the girder, the cars with their wheelsets held.",
     rows,
 };
 

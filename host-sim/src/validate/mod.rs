@@ -66,6 +66,15 @@ impl Row {
         Self { unit, decimals, ..self }
     }
 
+    /// Both values so many times as large: in another unit.
+    pub fn times(self, factor: f64) -> Self {
+        Self {
+            expected: factor * self.expected,
+            found: factor * self.found,
+            ..self
+        }
+    }
+
     /// Two numbers; their difference is a part of the expected one.
     pub fn numbers(self, expected: f64, found: f64) -> Self {
         self.measured_by(expected, found, expected)

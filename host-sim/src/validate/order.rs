@@ -4,7 +4,7 @@ use anyhow::Result;
 use spanwatch::interaction::{Run, Scheme};
 use spanwatch::wire::message::TrainKind;
 
-use super::beam::Beam;
+use super::beam::{Beam, GIRDER50};
 use super::compare::relative_rms;
 use super::{Row, Topic};
 use crate::crossing::Crossing;
@@ -13,22 +13,16 @@ use crate::train::TrainName;
 /// The topic.
 pub const TOPIC: Topic = Topic {
     title: "Order in time",
-    about: "An inspection car at 60 km/h over girder50, element 5 with 30 % less, three modes: 3.4 to 31 Hz, what a recorder of 40 Hz \
-            shows. The error is the relative RMS of mid-span displacement over 5 s against the same scheme's solution at 1/32 of \
-            the shorter step; the order is the binary logarithm of its fall from 2.5 to 1.25 ms. A wheel that enters loads the \
-            modes with a ramp, and its corner leaves Fox and Goodwin's scheme, of the fourth order otherwise, the second; the \
-            default scheme rounds corners. In a damped mode that scheme makes the free vibration exact, and so leaves the slow \
-            answer of frequency n to a load an error of the second order, a part 2 xi n / w (w h)² / 12 of it: that is the error \
-            of the last two rows, less than a hundredth of average acceleration's.",
+    about: "An inspection car at 60 km/h over girder50, element 5 with 30 % less, three modes: 3.4 to 31 Hz, what a recorder \
+            of 40 Hz shows. The error is the relative RMS of mid-span displacement over 5 s against the same scheme's \
+            solution at 1/32 of the shorter step; the order is the binary logarithm of its fall from 2.5 to 1.25 ms. A wheel \
+            that enters loads the modes with a ramp, and its corner leaves Fox and Goodwin's scheme, of the fourth order \
+            otherwise, the second; the default scheme rounds corners. In a damped mode that scheme makes the free vibration \
+            exact, and so leaves the slow answer of frequency n to a load an error of the second order, a part 2 xi n / w (w \
+            h)² / 12 of it: that is the error of the last two rows, less than a hundredth of average acceleration's.",
     rows,
 };
 
-const GIRDER50: Beam = Beam {
-    length_m: 50.0,
-    bending_stiffness_nm2: 1.55148e11,
-    mass_kgpm: 5000.0,
-    damping_ratio: 0.02,
-};
 /// The longer step, s.
 const STEP_S: f64 = 2.5e-3;
 const NEXT_TERM: &str = "the next term of the error";
@@ -99,7 +93,7 @@ fn rows() -> Result<Vec<Row>> {
             ON_STEP_S,
             4.0,
             0.125,
-            "3.5 at least is asked for",
+            "3.5 at least",
         ),
         (
             "exact, the default",

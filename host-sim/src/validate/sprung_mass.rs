@@ -13,14 +13,16 @@ use crate::crossing::Crossing;
 /// The topic.
 pub const TOPIC: Topic = Topic {
     title: "A sprung mass",
-    about: "VBI-2D's check: 5750 kg on 1595 kN/m at 25 m/s over a beam of 25 m, E I = 3.5e10 * 1.3901 N m², 18358 kg/m, no damping; \
-            g = 9.81 m/s². The published numbers come out to 6e-5 by average acceleration at 1 ms on twenty modes, and to no more \
-            than 4e-4 at shorter steps or by the exact scheme: so they are a solution of that step, and that step is taken. The \
-            ramp rises straight from 0 at L/3 to 10 mm at L/2. At its two kinks the slope, and with it the damper's force, \
-            jumps. The published number is met where the slope is taken as the rail's rise since the last step (so that the \
-            kinks are a step wide and half a step late), with the paper's kinematics; with the convective one it is missed by \
-            four times as much, and with slopes that jump at the kinks and the exact scheme at 1/6000 s (a step ends on each kink, \
-            where the slope is the mean of both sides) by ten times. Each is within the 0.1 % that is asked for.",
+    about: "VBI-2D's check: 5750 kg on 1595 kN/m at 25 m/s over a beam of 25 m, E I = 3.5e10 * 1.3901 N m², 18358 kg/m, no \
+            damping; g = 9.81 m/s². The published numbers come out to 6e-5 by average acceleration at 1 ms on twenty modes, \
+            and only to 4e-4 at half that step or by the exact scheme: they look like a solution of that step, and that step \
+            is taken. The ramp rises straight from 0 at L/3 to 10 mm at L/2. At its two kinks the slope, and with it the \
+            damper's force, jumps. The published number is met where the slope is taken as the rail's rise since the last \
+            step (so that kinks are a step wide and half a step late), with the paper's kinematics. With the convective one \
+            it is missed by five times as much, and with slopes that jump and the exact scheme at 1/6000 s (a step ends on \
+            each kink, where the slope is the mean of both sides) by ten times: these rows are within 0.1 %, no better. Yang \
+            and Yau's car: the same on a beam of E I = 2.87e9 * 2.90 N m², 2303 kg/m, at 100 km/h, ten modes, the exact \
+            scheme at 0.1 ms.",
     rows,
 };
 
@@ -35,8 +37,10 @@ const SPEED_MPS: f64 = 25.0;
 const STEP_S: f64 = 1e-3;
 /// A step that ends on both kinks of the ramp, s.
 const FINE_STEP_S: f64 = 1.0 / 6000.0;
-const ASKED: f64 = 1e-3;
-const DIGITS: &str = "0.1 % is asked for";
+/// Where step and kinks are those of the published solution.
+const ALIKE: (f64, &str) = (2e-4, "the same step; modes and kinks nearly so");
+/// Where they are not.
+const UNLIKE: (f64, &str) = (1e-3, "0.1 %: another step, kinks or kinematics");
 const VBI: &str = "VBI-2D, analytical solution";
 
 /// A straight rise from nothing to `height_m`, then level: a rail with two kinks.
@@ -109,7 +113,7 @@ fn rows() -> Result<Vec<Row>> {
         Row::new("smooth rail: largest deflection of mid-span", VBI)
             .numbers(-0.418545, 1e3 * deepest_m)
             .shown("mm", 6)
-            .within(ASKED, DIGITS),
+            .within(ALIKE.0, ALIKE.1),
         Row::new("time of it", VBI)
             .numbers(0.436, (at + 1.0) * STEP_S)
             .shown("s", 4)
@@ -119,7 +123,8 @@ fn rows() -> Result<Vec<Row>> {
             "without damper and wheel mass, no difference",
         )
         .everywhere(&smooth, &convective)
-        .shown("m", 9)
+        .times(1e3)
+        .shown("mm", 6)
         .within(0.0, "the same operations"),
     ];
     for (time_s, expected_mm) in [
@@ -139,69 +144,53 @@ fn rows() -> Result<Vec<Row>> {
             Row::new(format!("at {time_s} s, by the largest"), VBI)
                 .measured_by(expected_mm, found_mm, 0.418545)
                 .shown("mm", 7)
-                .within(ASKED, DIGITS),
+                .within(ALIKE.0, ALIKE.1),
         );
     }
-    let ramp = Ramp {
+    rows.extend(over_the_ramp()?);
+    rows.extend(car()?);
+    Ok(rows)
+}
+
+/// The ramp, without damper and with one.
+fn over_the_ramp() -> Result<Vec<Row>> {
+    const UNDAMPED: (f64, f64) = (0.0, -0.467210);
+    const DAMPED: (f64, f64) = (4e5, -0.462597);
+    let stepped = Ramp {
         from_m: BEAM.length_m / 3.0,
         to_m: BEAM.length_m / 2.0,
         height_m: 10e-3,
         back_m: SPEED_MPS * STEP_S,
     };
-    let sharp = Ramp { back_m: 0.0, ..ramp };
-    let converged = (Scheme::Exact, FINE_STEP_S);
-    for (what, damping_nspm, ramp, kinematics, how, expected_mm) in [
-        (
-            "ramp: largest deflection",
-            0.0,
-            &ramp,
-            Kinematics::Paper,
-            published,
-            -0.467210,
-        ),
-        (
-            "ramp and damper 4e5 N s/m",
-            4e5,
-            &ramp,
-            Kinematics::Paper,
-            published,
-            -0.462597,
-        ),
-        (
-            "the same, convective kinematics",
-            4e5,
-            &ramp,
-            Kinematics::Convective,
-            published,
-            -0.462597,
-        ),
-        (
-            "ramp, exact scheme",
-            0.0,
-            &sharp,
-            Kinematics::Paper,
-            converged,
-            -0.467210,
-        ),
+    let sharp = Ramp { back_m: 0.0, ..stepped };
+    let published = (&stepped, Scheme::AverageAcceleration, STEP_S);
+    let converged = (&sharp, Scheme::Exact, FINE_STEP_S);
+    let (paper, convective) = (Kinematics::Paper, Kinematics::Convective);
+    [
+        ("ramp: largest deflection", UNDAMPED, paper, published, ALIKE),
+        ("ramp and damper 4e5 N s/m", DAMPED, paper, published, ALIKE),
+        ("the same, convective kinematics", DAMPED, convective, published, UNLIKE),
+        ("ramp, exact scheme", UNDAMPED, paper, converged, UNLIKE),
         (
             "ramp and damper, exact scheme, sharp kinks",
-            4e5,
-            &sharp,
-            Kinematics::Paper,
+            DAMPED,
+            paper,
             converged,
-            -0.462597,
+            UNLIKE,
         ),
-    ] {
-        let (_, deepest_m) = lowest(&crossed(damping_nspm, Some(ramp), kinematics, how)?.displacement_m);
-        rows.push(
-            Row::new(what, VBI)
+    ]
+    .into_iter()
+    .map(
+        |(what, (damping_nspm, expected_mm), kinematics, (ramp, scheme, step_s), (tolerance, reason))| {
+            let found = crossed(damping_nspm, Some(ramp), kinematics, (scheme, step_s))?;
+            let (_, deepest_m) = lowest(&found.displacement_m);
+            Ok(Row::new(what, VBI)
                 .numbers(expected_mm, 1e3 * deepest_m)
                 .shown("mm", 6)
-                .within(ASKED, DIGITS),
-        );
-    }
-    rows.extend(car()?);
-    Ok(rows)
+                .within(tolerance, reason))
+        },
+    )
+    .collect()
 }
 
 /// Yang and Yau's car.
@@ -233,7 +222,7 @@ fn car() -> Result<Vec<Row>> {
             Row::new(format!("{what}, largest, down"), SOURCE)
                 .numbers(expected_mm, -1e3 * deepest_m)
                 .shown("mm", 6)
-                .within(ASKED, DIGITS),
+                .within(1e-4, "converged in step; the reference's own step is not printed"),
         );
         rows.push(
             Row::new(format!("{what}, time of it"), SOURCE)
