@@ -8,7 +8,7 @@
 //! [`micromath`] is faster and coarser: its square root is off by up to 6 %, its logarithm by 0.12. It serves only
 //! [`level_db`], a number for the eye.
 
-use nalgebra::RealField;
+use nalgebra::{RealField, SVector};
 
 /// The two number types that the physics is written for.
 pub trait Real: RealField + Copy + Into<f64> {
@@ -18,6 +18,10 @@ pub trait Real: RealField + Copy + Into<f64> {
     fn sin_cos_exact(self) -> (Self, Self);
     /// `exp(x) - 1`, to 1 ulp.
     fn exp_m1_exact(self) -> Self;
+    /// The whole part of a number that is not negative; 0 for one that is.
+    fn whole(self) -> usize;
+    /// A count, to the nearest value of this type. (By way of `f64` it would cost a hundred instructions on the logger.)
+    fn counted(count: i32) -> Self;
 }
 
 impl Real for f32 {
@@ -30,6 +34,12 @@ impl Real for f32 {
     fn exp_m1_exact(self) -> Self {
         libm::expm1f(self)
     }
+    fn whole(self) -> usize {
+        self as usize
+    }
+    fn counted(count: i32) -> Self {
+        count as f32
+    }
 }
 
 impl Real for f64 {
@@ -41,6 +51,34 @@ impl Real for f64 {
     }
     fn exp_m1_exact(self) -> Self {
         libm::expm1(self)
+    }
+    fn whole(self) -> usize {
+        self as usize
+    }
+    fn counted(count: i32) -> Self {
+        count.into()
+    }
+}
+
+/// A vector's entries.
+pub fn entries<T: Real, const N: usize>(vector: &SVector<T, N>) -> &[T; N] {
+    let [entries] = &vector.data.0;
+    entries
+}
+
+/// `sum_i a_i b_i`, written out: short rows become straight code without calls.
+pub fn dot<T: Real, const N: usize>(a: &[T; N], b: &[T; N]) -> T {
+    let mut sum = T::zero();
+    for i in 0..N {
+        sum += a[i] * b[i];
+    }
+    sum
+}
+
+/// `sum += factor row`, likewise.
+pub fn add_scaled<T: Real, const N: usize>(sum: &mut [T; N], factor: T, row: &[T; N]) {
+    for i in 0..N {
+        sum[i] += factor * row[i];
     }
 }
 

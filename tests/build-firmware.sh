@@ -1,7 +1,7 @@
 #!/bin/sh
 # Builds an image for the logger's board (QEMU mps2-an386, Cortex-M4F). The last line printed is the image's path.
 #
-#   sh tests/build-firmware.sh [logger | board-check]
+#   sh tests/build-firmware.sh [logger | board-check | step-cost]
 #
 # CARGO_TARGET_DIR is honoured. Two ways, the first that is there:
 #   1. rustup with the target thumbv7em-none-eabihf, which is added if it can be;

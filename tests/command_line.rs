@@ -94,11 +94,30 @@ fn relative_rms(found: &[f64], expected: &[f64]) -> f64 {
 fn simulated_passages_agree_with_the_independent_histories() {
     let folder = folder();
     let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/reference");
-    for (file, damage) in [
-        ("r1_2dof_1car_60kmh_healthy.csv", &[][..]),
+    let track = reference.join("track_a.csv");
+    let track = track.to_str().expect("a path in text");
+    for (file, train, cars, speed_kmh, more) in [
+        ("r1_2dof_1car_60kmh_healthy.csv", "inspection-2dof", "1", "60", &[][..]),
         (
             "r2_2dof_1car_60kmh_e1_21_e5_41.csv",
+            "inspection-2dof",
+            "1",
+            "60",
             &["--damage", "1=0.21", "--damage", "5=0.41"][..],
+        ),
+        (
+            "r3_3d_1car_120kmh_e5_11.csv",
+            "shinkansen-3d",
+            "1",
+            "120",
+            &["--damage", "element 5=0.11"][..],
+        ),
+        (
+            "r4_3d_4car_270kmh_e5_30_track_a.csv",
+            "shinkansen-3d",
+            "4",
+            "270",
+            &["--damage", "5=0.3", "--track", track][..],
         ),
     ] {
         let (names, expected) = columns(&reference.join(file));
@@ -118,7 +137,18 @@ fn simulated_passages_agree_with_the_independent_histories() {
                 "-o",
                 "x.csv",
             ];
-            succeeds(folder.path(), &[&PASSAGE[..], damage, &flags].concat());
+            let passage = [
+                "simulate",
+                "--bridge",
+                "girder50",
+                "--train",
+                train,
+                "--cars",
+                cars,
+                "--speed-kmh",
+                speed_kmh,
+            ];
+            succeeds(folder.path(), &[&passage[..], more, &flags].concat());
             let (header, found) = columns(&folder.path().join("x.csv"));
             assert_eq!(header[0], "time_s");
             assert_eq!(header[1..], names[first..first + 3]);

@@ -79,9 +79,14 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
 #[test]
 fn the_image_in_qemu_sends_the_same_bytes_as_the_logger_in_this_process() {
     let image = std::env::var_os("SPANWATCH_IMAGE").map_or_else(|| built_image("logger"), PathBuf::from);
-    let recordings = ["healthy-60kmh.csv", "case1-60kmh.csv", "case4-60kmh-noise5-3nodes.csv"];
+    let recordings = [
+        "healthy-60kmh.csv",
+        "case1-60kmh.csv",
+        "case4-60kmh-noise5-3nodes.csv",
+        "case8-3d-270kmh-noise2-3nodes.csv",
+    ];
     let (here, alerts, _) = events(InProcess::new(), &recordings);
-    assert_eq!(alerts, 2);
+    assert_eq!(alerts, 3);
     // A passage each and the alerts.
     assert_eq!(here.len(), recordings.len() + alerts);
 

@@ -37,6 +37,7 @@ cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
 say "Firmware"
 sh tests/build-firmware.sh logger
 sh tests/build-firmware.sh board-check
+sh tests/build-firmware.sh step-cost
 
 say "Tests"
 cargo test --locked --release --workspace

@@ -131,20 +131,20 @@ impl<const M: usize> Modes<f64, M> for SpatialModes<M> {
         self.position_m.last().copied().unwrap_or(0.0)
     }
 
-    fn shape(&self, motion: Motion, order: u8, x_m: f64) -> SVector<f64, M> {
+    fn shape(&self, motion: Motion, order: u8, x_m: f64) -> [f64; M] {
         let motion = match motion {
             Motion::Vertical => 0,
             Motion::Lateral => 1,
             Motion::Roll => 2,
         };
         if !self.moves[motion] || self.position_m.len() < 2 {
-            return SVector::zeros();
+            return [0.0; M];
         }
         let span = self.position_m[1..self.position_m.len() - 1].partition_point(|&begin| begin <= x_m);
         let length = self.position_m[span + 1] - self.position_m[span];
         let part = ((x_m - self.position_m[span]) / length).clamp(0.0, 1.0);
         let [w1, s1, w2, s2] = hermite(order, part, length);
         let ([left, left_slope], [right, right_slope]) = (&self.nodes[span][motion], &self.nodes[span + 1][motion]);
-        left * w1 + left_slope * s1 + right * w2 + right_slope * s2
+        std::array::from_fn(|k| left[k] * w1 + left_slope[k] * s1 + right[k] * w2 + right_slope[k] * s2)
     }
 }

@@ -1,15 +1,15 @@
 //! The paper's cases: each simulated without noise, identified from mid-span alone, and set beside the paper's result.
 
 use std::fmt::Write;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use spanwatch::bridge::Damage;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::DamageCode;
 use spanwatch::interaction::simulation::LONGEST_STEP_S;
 
+use crate::batch;
 use crate::identification::{Found, Known, Method, Observed, search};
 use crate::model::BridgeFrame;
 use crate::simulate::Scenario;
@@ -220,31 +220,16 @@ pub fn paper(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Res
         .flat_map(|&method| (0..plan.cases.len()).map(move |case| (case, method)))
         .flat_map(|(case, method)| (1..=u64::from(plan.seeds)).map(move |seed| (case, method, seed)))
         .collect();
-    let next = AtomicUsize::new(0);
-    let work = || -> Result<Vec<(usize, (Found, f64))>> {
-        let mut results = vec![];
-        loop {
-            let job = next.fetch_add(1, Ordering::Relaxed);
-            let Some(&(case, method, seed)) = jobs.get(job) else {
-                return Ok(results);
-            };
-            let (recording, known) = &recordings[case];
-            let start = Instant::now();
-            let found = search(&recording.problem(), method, seed, plan.limit, known, &mut |_| ())?;
-            results.push((job, (found, start.elapsed().as_secs_f64())));
-            done();
-        }
-    };
-    let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut results = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
-        let joined = threads
-            .into_iter()
-            .map(|thread| thread.join().map_err(|_| anyhow!("a search panicked"))?);
-        joined.collect::<Result<Vec<_>>>()
-    })?
-    .concat();
-    results.sort_by_key(|(job, _)| *job);
+    let results = batch::each(&jobs, |&(case, method, seed)| -> Result<(Found, f64)> {
+        let (recording, known) = &recordings[case];
+        let start = Instant::now();
+        let found = search(&recording.problem(), method, seed, plan.limit, known, &mut |_| ())?;
+        let seconds = start.elapsed().as_secs_f64();
+        done();
+        Ok((found, seconds))
+    })
+    .into_iter()
+    .collect::<Result<Vec<_>>>()?;
 
     let mut rows = vec![];
     for (found, (index, method)) in (results.chunks(plan.seeds as usize))
@@ -255,8 +240,8 @@ pub fn paper(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Res
             case,
             method,
             nearest_objective: recordings[index].0.problem().misfit(&case.code().damage())?,
-            found: found.iter().map(|(_, (found, _))| *found).collect(),
-            seconds: found.iter().map(|(_, (_, seconds))| *seconds).collect(),
+            found: found.iter().map(|(found, _)| *found).collect(),
+            seconds: found.iter().map(|(_, seconds)| *seconds).collect(),
         });
     }
     Ok(rows)

@@ -1,5 +1,6 @@
 //! The PC side of Spanwatch: what the binary `host-sim` is made of.
 
+pub mod batch;
 pub mod channel;
 pub mod crossing;
 pub mod evaluate;

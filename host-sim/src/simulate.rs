@@ -63,6 +63,8 @@ pub struct Scenario {
     pub quantity: Quantity,
     /// Modes of the damaged bridge.
     pub modes: usize,
+    /// Instead of a number of modes: all up to this frequency, Hz.
+    pub up_to_hz: Option<f64>,
     /// Step of the solver, s.
     pub step_s: f64,
     /// Samples a second; none: every step.
@@ -99,6 +101,7 @@ impl Scenario {
             nodes: vec![6],
             quantity: Quantity::Acceleration,
             modes: 8,
+            up_to_hz: None,
             step_s: 1e-3,
             rate_hz: None,
             antialias_hz: None,
@@ -127,6 +130,11 @@ impl Scenario {
         self.rate_hz.map_or(self.step_s, f64::recip)
     }
 
+    /// The modes that are wanted.
+    fn wanted(&self) -> Wanted {
+        self.up_to_hz.map_or(Wanted::Count(self.modes), Wanted::UpToHz)
+    }
+
     /// Solver steps from one sample to the next.
     fn steps_per_sample(&self) -> Result<u32> {
         let steps = self.sample_interval_s() / self.step_s;
@@ -150,6 +158,7 @@ impl Scenario {
             ("--load-factor", self.load_factor),
             ("--rate-hz", self.rate_hz.unwrap_or(1.0)),
             ("--antialias-hz", self.antialias_hz.unwrap_or(1.0)),
+            ("--up-to-hz", self.up_to_hz.unwrap_or(1.0)),
         ];
         if let Some((name, value)) = positive
             .into_iter()
@@ -245,7 +254,7 @@ pub fn simulate_reporting(
 ) -> Result<Passage> {
     scenario.check(bridge)?;
     let train = scenario.train.train(scenario.cars)?;
-    let model = ModalModel::new(bridge, &scenario.damage, Wanted::Count(scenario.modes))?;
+    let model = ModalModel::new(bridge, &scenario.damage, scenario.wanted())?;
     let rows = (scenario.nodes.iter())
         .map(|&node| {
             let sensor = model.sensors.iter().find(|sensor| sensor.number == node);

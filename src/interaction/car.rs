@@ -12,12 +12,14 @@
 //! F~_i = -W_i - m_i u~_i'' + f~_i - g~_i + eta_i s_i . b~
 //! ```
 
+use core::ops::Range;
+
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use super::run::SetupError;
 use super::scheme::Scheme;
-use crate::math::Real;
-use crate::train::Car;
+use crate::math::{Real, add_scaled, dot};
+use crate::train::{Car, Spring};
 
 /// What the rails do to a contact at the end of a step, the bridge's unknown accelerations aside.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,14 +46,16 @@ impl<T: Real> Lead<T> {
 /// A kind of car, ready for steps of one length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CarSteps<T: Real, const D: usize, const C: usize> {
-    /// `A^-1`.
-    inverse: SMatrix<T, D, D>,
+    /// `A^-1`, a row each; it is symmetric.
+    inverse: [[T; D]; D],
     /// `eta` of each contact.
     eta: [T; C],
-    /// `r` of each contact, a column each.
-    response: SMatrix<T, D, C>,
+    /// `r` of each contact.
+    response: [[T; D]; C],
     /// `Z`.
-    pub impedance: SMatrix<T, C, C>,
+    impedance: [[T; C]; C],
+    /// Distance from the first wheelset to the last, m.
+    pub(super) length_m: T,
     h: T,
     beta_h2: T,
 }
@@ -59,15 +63,15 @@ pub struct CarSteps<T: Real, const D: usize, const C: usize> {
 /// Places of a car's degrees of freedom and their rates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CarState<T: Real, const D: usize> {
-    position: SVector<T, D>,
-    velocity: SVector<T, D>,
-    acceleration: SVector<T, D>,
+    position: [T; D],
+    velocity: [T; D],
+    acceleration: [T; D],
 }
 
 impl<T: Real, const D: usize> CarState<T, D> {
     /// A car at rest in its static balance.
     pub fn at_rest() -> Self {
-        let zero = SVector::zeros();
+        let zero = [T::zero(); D];
         Self {
             position: zero,
             velocity: zero,
@@ -99,7 +103,7 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
     pub fn new(car: &Car<T, D, C>, scheme: Scheme, step_s: T) -> Result<Self, SetupError> {
         let h = step_s;
         let beta_h2 = scheme.contact_beta::<T>() * h * h;
-        let eta = |stiffness: T, damping: T| beta_h2 * stiffness + T::of(0.5) * h * damping;
+        let eta = |spring: &Spring<T, D>| beta_h2 * spring.stiffness + T::of(0.5) * h * spring.damping;
         if !car.inertia.iter().all(|&mass| mass > T::zero()) {
             return Err(SetupError::Masses);
         }
@@ -107,12 +111,12 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
         let mut matrix = SMatrix::<T, D, D>::from_diagonal(&SVector::from(car.inertia));
         for spring in car.all_springs() {
             let lever = SVector::from(spring.lever);
-            matrix.ger(eta(spring.stiffness, spring.damping), &lever, &lever, T::one());
+            matrix.ger(eta(spring), &lever, &lever, T::one());
             stiffness.ger(spring.stiffness, &lever, &lever, T::one());
         }
         if let Some(limit) = scheme.stability_limit::<T>() {
             // Gershgorin's bound of M^-1/2 K M^-1/2.
-            let root = SVector::<T, D>::from(car.inertia).map(|mass| mass.sqrt());
+            let root = car.inertia.map(|mass| mass.sqrt());
             for r in 0..D {
                 let bound = (0..D).fold(T::zero(), |sum, c| sum + stiffness[(r, c)].abs() / (root[r] * root[c]));
                 if bound * h * h > limit * limit {
@@ -122,27 +126,26 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
         }
         let inverse = Cholesky::new(matrix).ok_or(SetupError::NotFinite)?.inverse();
         let mut steps = Self {
-            inverse,
+            inverse: core::array::from_fn(|r| core::array::from_fn(|c| inverse[(r, c)])),
             eta: [T::zero(); C],
-            response: SMatrix::zeros(),
-            impedance: SMatrix::zeros(),
+            response: [[T::zero(); D]; C],
+            impedance: [[T::zero(); C]; C],
+            length_m: car.length_m(),
             h,
             beta_h2,
         };
         for (i, contact) in car.contacts.iter().enumerate() {
-            steps.eta[i] = eta(contact.spring.stiffness, contact.spring.damping);
-            let column = product(&inverse, &SVector::from(contact.spring.lever)) * steps.eta[i];
-            steps.response.set_column(i, &column);
+            steps.eta[i] = eta(&contact.spring);
+            steps.response[i] = steps.inverse.map(|row| dot(&row, &contact.spring.lever) * steps.eta[i]);
         }
         for (i, contact) in car.contacts.iter().enumerate() {
-            for j in 0..car.contacts.len() {
+            for (j, response) in steps.response.iter().enumerate() {
                 let own = if i == j {
                     contact.unsprung + steps.eta[i]
                 } else {
                     T::zero()
                 };
-                let lever = SVector::from(contact.spring.lever);
-                steps.impedance[(i, j)] = own - steps.eta[i] * lever.dot(&steps.response.column(j));
+                steps.impedance[i][j] = own - steps.eta[i] * dot(&contact.spring.lever, response);
             }
         }
         Ok(steps)
@@ -152,47 +155,60 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
     /// contact forces `F~` without those of the static loads.
     pub fn predict(&self, car: &Car<T, D, C>, state: &mut CarState<T, D>, leads: &[Lead<T>; C], loads: &mut [T; C]) {
         let (h, half_h) = (self.h, T::of(0.5) * self.h);
-        state.position += state.velocity * h + state.acceleration * (half_h * h - self.beta_h2);
-        state.velocity += state.acceleration * half_h;
+        add_scaled(&mut state.position, h, &state.velocity);
+        add_scaled(&mut state.position, half_h * h - self.beta_h2, &state.acceleration);
+        add_scaled(&mut state.velocity, half_h, &state.acceleration);
 
-        let mut force = SVector::<T, D>::zeros();
+        let mut force = [T::zero(); D];
         for spring in &car.springs {
-            let lever = SVector::from(spring.lever);
-            let pull = spring.stiffness * lever.dot(&state.position) + spring.damping * lever.dot(&state.velocity);
-            force.axpy(-pull, &lever, T::one());
+            let pull = spring.stiffness * dot(&spring.lever, &state.position)
+                + spring.damping * dot(&spring.lever, &state.velocity);
+            add_scaled(&mut force, -pull, &spring.lever);
         }
         for ((contact, lead), load) in car.contacts.iter().zip(leads).zip(loads.iter_mut()) {
             let spring = &contact.spring;
-            let lever = SVector::from(spring.lever);
-            *load = spring.stiffness * (lever.dot(&state.position) - lead.place)
-                + spring.damping * (lever.dot(&state.velocity) - lead.rate);
-            force.axpy(-*load, &lever, T::one());
+            *load = spring.stiffness * (dot(&spring.lever, &state.position) - lead.place)
+                + spring.damping * (dot(&spring.lever, &state.velocity) - lead.rate);
+            add_scaled(&mut force, -*load, &spring.lever);
         }
-        state.acceleration = product(&self.inverse, &force);
+        for (acceleration, row) in state.acceleration.iter_mut().zip(&self.inverse) {
+            *acceleration = dot(row, &force);
+        }
         for (((contact, lead), load), &eta) in car.contacts.iter().zip(leads).zip(loads).zip(&self.eta) {
-            let lever = SVector::from(contact.spring.lever);
-            *load += eta * lever.dot(&state.acceleration) - contact.unsprung * lead.acceleration;
+            *load += eta * dot(&contact.spring.lever, &state.acceleration) - contact.unsprung * lead.acceleration;
+        }
+    }
+
+    /// Adds `sum_ij phi_i Z_ij phi_j^T` to the upper triangle of the bridge's matrix, for the contacts `on` the bridge with
+    /// `shapes` under them.
+    pub fn burden<const M: usize>(&self, on: Range<usize>, shapes: &[[T; M]; C], matrix: &mut [[T; M]; M]) {
+        for i in on.start.min(C)..on.end.min(C) {
+            let mut weighted = [T::zero(); M];
+            if on.len() == C {
+                // A loop of fixed length becomes straight code, and cars are wholly on the bridge for most of their way.
+                for (&z, other) in self.impedance[i].iter().zip(shapes) {
+                    add_scaled(&mut weighted, z, other);
+                }
+            } else {
+                for j in on.start.min(C)..on.end.min(C) {
+                    add_scaled(&mut weighted, self.impedance[i][j], &shapes[j]);
+                }
+            }
+            let shape = &shapes[i];
+            for r in 0..M {
+                for c in r..M {
+                    matrix[r][c] += shape[r] * weighted[c];
+                }
+            }
         }
     }
 
     /// Ends the step that [`Self::predict`] began: `w` is what the bridge's accelerations add to those of the rails.
     pub fn correct(&self, contacts: usize, state: &mut CarState<T, D>, w: &[T; C]) {
-        for (response, &w) in self.response.column_iter().zip(w).take(contacts) {
-            state.acceleration.axpy(w, &response, T::one());
+        for (response, &w) in self.response.iter().zip(w).take(contacts) {
+            add_scaled(&mut state.acceleration, w, response);
         }
-        state.position.axpy(self.beta_h2, &state.acceleration, T::one());
-        state.velocity.axpy(T::of(0.5) * self.h, &state.acceleration, T::one());
+        add_scaled(&mut state.position, self.beta_h2, &state.acceleration);
+        add_scaled(&mut state.velocity, T::of(0.5) * self.h, &state.acceleration);
     }
-}
-
-/// `matrix vector`, column by column, so that no kernel fuses it.
-fn product<T: Real, const R: usize, const N: usize>(
-    matrix: &SMatrix<T, R, N>,
-    vector: &SVector<T, N>,
-) -> SVector<T, R> {
-    let mut sum = SVector::<T, R>::zeros();
-    for (column, &factor) in matrix.column_iter().zip(vector.iter()) {
-        sum.axpy(factor, &column, T::one());
-    }
-    sum
 }

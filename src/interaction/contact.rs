@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 
 use crate::bridge::ModalBridge;
-use crate::math::Real;
+use crate::math::{Real, entries};
 use crate::train::Motion;
 
 /// A bridge as `M` modes, mass-normalised, with their shapes along the way of the wheels.
@@ -16,7 +16,7 @@ pub trait Modes<T: Real, const M: usize> {
     fn length_m(&self) -> T;
     /// Derivative of order `order` (0, 1 or 2) along the way of what a unit of each mode moves a wheelset by, at `x_m` from the
     /// way's beginning: kg^-1/2 (rad kg^-1/2 in [`Motion::Roll`]) per m^order. Beyond an end, its value there.
-    fn shape(&self, motion: Motion, order: u8, x_m: T) -> SVector<T, M>;
+    fn shape(&self, motion: Motion, order: u8, x_m: T) -> [T; M];
 }
 
 /// Weights of the displacement and slope at the left and at the right end of a beam of length `length`, for the `order`-th
@@ -56,23 +56,38 @@ impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
         ModalBridge::length_m(self)
     }
 
-    fn shape(&self, motion: Motion, order: u8, x_m: T) -> SVector<T, M> {
+    fn shape(&self, motion: Motion, order: u8, x_m: T) -> [T; M] {
         let nodes = self.position_m.get(..self.nodes).unwrap_or_default();
         if motion != Motion::Vertical || nodes.len() < 2 {
-            return SVector::zeros();
+            return [T::zero(); M];
         }
-        // The last element whose beginning has been reached.
-        let inner = nodes.get(1..nodes.len() - 1).unwrap_or_default();
-        let span = inner.iter().take_while(|&&begin| begin <= x_m).count();
+        // The last element whose beginning has been reached: found at once where they are equal, by a few steps elsewhere.
+        let last = nodes.len() - 2;
+        let mut span = (x_m / (nodes[1] - nodes[0])).whole().min(last);
+        while span > 0 && nodes[span] > x_m {
+            span -= 1;
+        }
+        while span < last && nodes[span + 1] <= x_m {
+            span += 1;
+        }
         let (Some(&[a, b]), Some([left, right])) = (
             nodes.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
             self.path.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
         ) else {
-            return SVector::zeros();
+            return [T::zero(); M];
         };
         let length = b - a;
-        let part = ((x_m - a) / length).max(T::zero()).min(T::one());
+        let part = (x_m - a) / length;
+        let part = if part < T::zero() {
+            T::zero()
+        } else if part > T::one() {
+            T::one()
+        } else {
+            part
+        };
         let [w1, s1, w2, s2] = hermite(order, part, length);
-        SVector::from_fn(|k, _| left[0][k] * w1 + left[1][k] * s1 + right[0][k] * w2 + right[1][k] * s2)
+        let [[left, left_slope], [right, right_slope]] =
+            [left, right].map(|[value, slope]| [entries(value), entries(slope)]);
+        core::array::from_fn(|k| left[k] * w1 + left_slope[k] * s1 + right[k] * w2 + right_slope[k] * s2)
     }
 }

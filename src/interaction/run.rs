@@ -71,7 +71,7 @@ impl<T: Real> Run<T> {
     /// Where the train is after `steps` steps of `step_s`.
     pub fn after(&self, steps: i32, step_s: T) -> Motion1d<T> {
         let (v, a) = (self.speed_mps, self.acceleration_mps2);
-        let n = T::of(f64::from(steps));
+        let n = T::counted(steps);
         if a == T::zero() {
             return Motion1d {
                 way_m: n * (v * step_s) - v * self.entry_time_s,

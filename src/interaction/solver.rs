@@ -16,14 +16,16 @@
 //! Multiplications of a step with `m` modes, a car of `d` degrees of freedom and `s` springs, `n` contacts a car:
 //! `m^3 / 6` once, and for each car on the bridge `n m (m / 2 + n + 8) + d (d + 2 s + 5 n)`.
 
-use nalgebra::{SMatrix, SVector};
+use core::ops::Range;
+
+use nalgebra::SVector;
 
 use super::car::{CarState, CarSteps, Lead};
 use super::contact::Modes;
 use super::run::{Direction, Kinematics, Motion1d, Run, SetupError};
 use super::scheme::{CORNER_STEPS, ModeSteps, Scheme, corner};
 use crate::bridge::ModalBridge;
-use crate::math::Real;
+use crate::math::{Real, add_scaled, dot, entries};
 use crate::train::track::{Smooth, Track};
 use crate::train::{Car, Contact, Motion, Place, Train};
 
@@ -148,8 +150,9 @@ pub struct Interaction<'a, T: Real, B, R, const M: usize, const D: usize, const 
     acceleration: SVector<T, M>,
     /// States of the cars that touch the bridge, car `c` at place `c % A`.
     cars: [CarState<T, D>; A],
-    /// Cars that have reached the bridge so far.
+    /// Cars that have reached the bridge so far, and those of them that have left it.
     entered: usize,
+    left: usize,
 }
 
 /// The interaction as the logger has it: vertical motion on a girder with a smooth track.
@@ -165,7 +168,7 @@ pub type PlanarInteraction<'a, T, const M: usize> = Interaction<
 >;
 
 /// What one car adds to a step of the bridge: the shapes under its contacts.
-type Shapes<T, const M: usize, const C: usize> = [SVector<T, M>; C];
+type Shapes<T, const M: usize, const C: usize> = [[T; M]; C];
 
 impl<'a, T, B, R, const M: usize, const D: usize, const C: usize, const A: usize> Interaction<'a, T, B, R, M, D, C, A>
 where
@@ -219,6 +222,7 @@ where
             acceleration: SVector::zeros(),
             cars: [CarState::at_rest(); A],
             entered: 0,
+            left: 0,
         };
         let last = length_m + cars.train.length_m();
         if [this.first_way().unwrap_or(T::zero()), last]
@@ -272,44 +276,60 @@ where
                 .acceleration
                 .zip_map(&self.modes.beta_h2, |a, beta_h2| a * (half_h2 - beta_h2));
         self.velocity += self.acceleration * half_h;
-        let mut force = -(self.modes.damping.component_mul(&self.velocity)
-            + self.bridge.omega_squared().component_mul(&self.position));
-        let mut matrix = SMatrix::<T, M, M>::from_diagonal(&self.modes.effective);
+        let omega_squared = self.bridge.omega_squared();
+        let mut force: [T; M] =
+            core::array::from_fn(|k| -(self.modes.damping[k] * self.velocity[k] + omega_squared[k] * self.position[k]));
+        // The upper triangle, a row each.
+        let mut matrix = [[T::zero(); M]; M];
+        for (k, row) in matrix.iter_mut().enumerate() {
+            row[k] = self.modes.effective[k];
+        }
 
         // The cars on it: predicted, and eliminated.
         let now = self.run.after(self.steps as i32, h);
         let corner_m = self.corner_s * now.speed_mps;
-        let mut shapes: [Shapes<T, M, C>; A] = [[SVector::zeros(); C]; A];
-        let mut aboard = 0..0;
+        let mut shapes: [Shapes<T, M, C>; A] = [[[T::zero(); M]; C]; A];
         let (kinds, places) = (self.kinds, self.places);
-        for (index, place) in places.iter().enumerate() {
+        let mut aboard = self.left..self.left;
+        for (index, place) in places.iter().enumerate().skip(self.left) {
             let front = now.way_m - place.behind_m;
             if front < -corner_m {
                 break;
             }
-            let Some(car) = kinds.get(place.kind) else { continue };
+            let (Some(car), Some(steps)) = (kinds.get(place.kind), self.kind_steps.get(place.kind)) else {
+                continue;
+            };
             // Until its last contact has left: on a bridge shorter than the car, the body swings on while none touches.
-            if front - car.length_m() > self.length_m + corner_m {
+            if front - steps.length_m > self.length_m + corner_m {
+                if aboard.is_empty() {
+                    self.left = index + 1;
+                    aboard = self.left..self.left;
+                }
                 continue;
             }
             if index >= self.entered {
                 self.cars[index % A] = self.approach(place);
                 self.entered = index + 1;
             }
-            let first = if aboard.is_empty() { index } else { aboard.start };
-            aboard = first..index + 1;
-            let Some(shapes) = shapes.get_mut(index - first) else {
+            aboard.end = index + 1;
+            let Some(shapes) = shapes.get_mut(index - aboard.start) else {
                 break;
             };
-            self.couple(index, car, front, now.speed_mps, &felt, shapes, &mut matrix, &mut force);
+            let (loads, on) = self.couple(index, car, front, now.speed_mps, &felt, shapes);
+            for (shape, &load) in shapes.iter().zip(&loads).take(on.end).skip(on.start) {
+                add_scaled(&mut force, load, shape);
+            }
+            steps.burden(on, shapes, &mut matrix);
         }
 
         if aboard.is_empty() {
-            self.acceleration = force.component_div(&self.modes.effective);
+            for (force, &effective) in force.iter_mut().zip(self.modes.effective.iter()) {
+                *force /= effective;
+            }
         } else {
             solve(&mut matrix, &mut force);
-            self.acceleration = force;
         }
+        self.acceleration = SVector::from(force);
         for (position, (&a, &beta_h2)) in
             (self.position.iter_mut()).zip(self.acceleration.iter().zip(self.modes.beta_h2.iter()))
         {
@@ -322,13 +342,16 @@ where
             let (Some(car), Some(steps)) = (kinds.get(place.kind), self.kind_steps.get(place.kind)) else {
                 continue;
             };
-            let w = core::array::from_fn(|i| shapes.get(i).map_or(T::zero(), |shape| shape.dot(&self.acceleration)));
+            let mut w = [T::zero(); C];
+            for (w, shape) in w.iter_mut().zip(shapes).take(car.contacts.len()) {
+                *w = dot(shape, &force);
+            }
             steps.correct(car.contacts.len(), &mut self.cars[index % A], &w);
         }
     }
 
-    /// Predicts a car whose front is `front` m from the end that it enters by, and adds it to the bridge's equations.
-    #[allow(clippy::too_many_arguments)]
+    /// Predicts a car whose front is `front` m from the end that it enters by. Fills in the shapes under its contacts, zero where
+    /// they are not on the bridge, and gives their forces on it and which of them are.
     fn couple(
         &mut self,
         index: usize,
@@ -337,75 +360,51 @@ where
         speed: T,
         felt: &SVector<T, M>,
         shapes: &mut Shapes<T, M, C>,
-        matrix: &mut SMatrix<T, M, M>,
-        force: &mut SVector<T, M>,
-    ) {
+    ) -> ([T; C], Range<usize>) {
+        let mut on = 0..0;
         let mut leads = [Lead::still(); C];
-        let mut on = [false; C];
-        for (((contact, shape), lead), on) in (car.contacts.iter())
-            .zip(shapes.iter_mut())
-            .zip(&mut leads)
-            .zip(&mut on)
-        {
+        let mut loads = [T::zero(); C];
+        let corner_m = self.corner_s * speed;
+        for (i, ((contact, shape), lead)) in car.contacts.iter().zip(shapes.iter_mut()).zip(&mut leads).enumerate() {
             let way = front - contact.behind_m;
             *lead = self.irregularity(contact.motion, way, speed);
-            let corner_m = self.corner_s * speed;
-            *on = (-corner_m..=self.length_m + corner_m).contains(&way);
-            if !*on {
+            if way < -corner_m || way > self.length_m + corner_m {
                 continue;
             }
+            // Contacts stand one behind the other, so those on the bridge are neighbours.
+            on = if on.is_empty() { i } else { on.start }..i + 1;
             *shape = self.shape(contact, way, speed);
-            lead.place += shape.dot(felt);
-            lead.rate += shape.dot(&self.velocity);
+            lead.place += dot(shape, entries(felt));
+            lead.rate += dot(shape, entries(&self.velocity));
             if self.run.kinematics == Kinematics::Convective {
                 self.roll_over(contact, way, speed, felt, lead);
             }
         }
-        let Some(steps) = self.places.get(index).and_then(|place| self.kind_steps.get(place.kind)) else {
-            return;
-        };
-        let mut loads = [T::zero(); C];
-        steps.predict(car, &mut self.cars[index % A], &leads, &mut loads);
-
-        let contacts = car.contacts.len();
-        for i in (0..contacts).filter(|&i| on[i]) {
-            let load = loads[i] - self.run.load_factor * car.contacts[i].load_n;
-            force.axpy(load, &shapes[i], T::one());
-            let mut row = SVector::<T, M>::zeros();
-            for (j, shape) in shapes.iter().enumerate().take(contacts).filter(|&(j, _)| on[j]) {
-                row.axpy(steps.impedance[(i, j)], shape, T::one());
-            }
-            for c in 0..M {
-                let factor = shapes[i][c];
-                for r in 0..=c {
-                    matrix[(r, c)] += row[r] * factor;
-                }
-            }
+        if let Some(steps) = self.places.get(index).and_then(|place| self.kind_steps.get(place.kind)) {
+            steps.predict(car, &mut self.cars[index % A], &leads, &mut loads);
         }
+        for (load, contact) in loads.iter_mut().zip(&car.contacts) {
+            *load -= self.run.load_factor * contact.load_n;
+        }
+        (loads, on)
     }
 
     /// The shape under a contact `way` m from the end that the train enters by.
-    fn shape(&self, contact: &Contact<T, D>, way: T, speed: T) -> SVector<T, M> {
+    fn shape(&self, contact: &Contact<T, D>, way: T, speed: T) -> [T; M] {
         let mut shape = self.bridge.shape(contact.motion, 0, self.along(way));
         let corner_m = self.corner_s * speed;
-        let from_end = way.min(self.length_m - way);
+        let to_go = self.length_m - way;
+        let (from_end, end) = if way < to_go {
+            (way, T::zero())
+        } else {
+            (to_go, self.length_m)
+        };
         if from_end < corner_m {
             let step_m = speed * self.step_s;
-            let end = if way < self.length_m - way {
-                T::zero()
-            } else {
-                self.length_m
-            };
-            let inward = if self.along(end) == T::zero() {
-                T::one()
-            } else {
-                -T::one()
-            };
-            let slope = self.bridge.shape(contact.motion, 1, self.along(end));
-            if from_end < T::zero() {
-                shape = self.bridge.shape(contact.motion, 0, self.along(end));
-            }
-            shape.axpy(inward * step_m * corner(from_end / step_m), &slope, T::one());
+            let end = self.along(end);
+            let inward = if end == T::zero() { T::one() } else { -T::one() };
+            let slope = self.bridge.shape(contact.motion, 1, end);
+            add_scaled(&mut shape, inward * step_m * corner(from_end / step_m), &slope);
         }
         shape
     }
@@ -416,16 +415,19 @@ where
         let (along, x) = (self.signed(speed), self.along(way));
         let [slope, curvature] = [1, 2].map(|order| self.bridge.shape(contact.motion, order, x));
         // The accelerations at the end of the step are not known yet; those at its beginning stand in.
-        let rate = slope.dot(&self.velocity) + half_h * slope.dot(&self.acceleration);
-        let incline = slope.dot(felt);
+        let rate = dot(&slope, entries(&self.velocity)) + half_h * dot(&slope, entries(&self.acceleration));
+        let incline = dot(&slope, entries(felt));
         lead.rate += along * incline;
         lead.acceleration += T::of(2.0) * along * rate
-            + along * along * curvature.dot(felt)
+            + along * along * dot(&curvature, entries(felt))
             + self.signed(self.run.acceleration_mps2) * incline;
     }
 
     /// What the irregularity does to a contact `way` m from the end that the train enters by.
     fn irregularity(&self, motion: Motion, way: T, speed: T) -> Lead<T> {
+        if self.track.extent_m().is_none() {
+            return Lead::still();
+        }
         let r = self.track.at(motion, self.along(way));
         let along = self.signed(speed);
         Lead {
@@ -504,24 +506,26 @@ where
 }
 
 /// Solves `matrix x = rhs` in place, `matrix` symmetric, positive and given by its upper triangle, by elimination.
-fn solve<T: Real, const M: usize>(matrix: &mut SMatrix<T, M, M>, rhs: &mut SVector<T, M>) {
+///
+/// Rows are worked on whole, though half of each is not needed: loops of fixed length become straight code.
+fn solve<T: Real, const M: usize>(matrix: &mut [[T; M]; M], rhs: &mut [T; M]) {
     for p in 0..M {
-        let inverse = matrix[(p, p)].recip();
+        let pivot = matrix[p];
+        let inverse = pivot[p].recip();
+        // The pivot's place keeps its inverse.
+        matrix[p][p] = inverse;
+        let above = rhs[p];
         for r in p + 1..M {
-            let factor = matrix[(p, r)] * inverse;
-            for c in r..M {
-                let above = matrix[(p, c)];
-                matrix[(r, c)] -= factor * above;
-            }
-            let above = rhs[p];
+            let factor = pivot[r] * inverse;
+            add_scaled(&mut matrix[r], -factor, &pivot);
             rhs[r] -= factor * above;
         }
     }
     for p in (0..M).rev() {
         let mut value = rhs[p];
         for c in p + 1..M {
-            value -= matrix[(p, c)] * rhs[c];
+            value -= matrix[p][c] * rhs[c];
         }
-        rhs[p] = value / matrix[(p, p)];
+        rhs[p] = value * matrix[p][p];
     }
 }

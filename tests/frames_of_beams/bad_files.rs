@@ -103,7 +103,7 @@ fn each_bad_file_is_refused_with_what_to_mend() {
         (
             "[\"A\", \"B\", \"C\", \"D\"]",
             "[\"A\", \"B\", \"X\", \"D\"]",
-            "line 21, column 20: there is no node \"X\"",
+            "line 21, column 20: there is no node \"X\"; check the name, or add it to [nodes]",
         ),
         (
             "[\"A\", \"B\", \"C\", \"D\"]",
@@ -257,7 +257,10 @@ fn a_mechanism_is_refused_by_node_and_direction() {
         "chains = [[\"A\", \"B\"], [\"B\", \"C\"], [\"C\", \"D\"]]\nsection = \"column\"\nrelease = [[\"ry\"], [\"ry\"]]",
     );
     let sentence = refusal(&hinged);
-    assert!(sentence.starts_with("this is a mechanism: node \""), "{sentence}");
+    assert!(
+        sentence.starts_with("bridge \"portal\": this is a mechanism: node \""),
+        "{sentence}"
+    );
     assert!(
         sentence.ends_with("nothing resists; hold it in [supports], brace it, or take back a release"),
         "{sentence}"
@@ -282,6 +285,6 @@ fn pieces_that_nothing_holds_are_named() {
     );
     assert_eq!(
         refusal(&loose),
-        "nothing connects node \"X1\", \"X2\", \"X3\", \"X4\" and 2 more with the ground: join them to the rest by beams or springs, or hold them in [supports]"
+        "bridge \"portal\": nothing connects node \"X1\", \"X2\", \"X3\", \"X4\" and 2 more with the ground: join them to the rest by beams or springs, or hold them in [supports]"
     );
 }

@@ -86,8 +86,8 @@ fn a_hinged_beam_has_the_mass_of_its_hinged_shape() {
     hinged.beams[0].released[0][1] = true;
     hinged.beams[15].released[1][1] = true;
     let found = modes(&hinged).omega_squared;
-    for (k, &found) in found.iter().enumerate().take(3) {
-        let error = frequency_hz(found) / exact_hz((k + 1) as f64 * PI) - 1.0;
+    for (k, &w2) in found.iter().take(3).enumerate() {
+        let error = frequency_hz(w2) / exact_hz((k + 1) as f64 * PI) - 1.0;
         assert!((0.0..2e-4).contains(&error), "{k}: {error:e}");
     }
 }

@@ -2,9 +2,10 @@
 //! time solution and the logger get.
 
 use host_sim::model::condensation::Condensed;
-use host_sim::model::eigen::{Wanted, frequency_hz, natural_modes};
-use host_sim::model::modal::{ModalModel, PathPoint};
+use host_sim::model::eigen::{Wanted, frequency_hz, natural_modes, solve};
+use host_sim::model::modal::{ModalModel, PathPoint, value};
 use host_sim::model::{self, Structure, reduce};
+use nalgebra::DMatrix;
 
 fn structure(name: &str) -> Structure {
     Structure::new(model::shipped(name).expect("shipped")).expect("stands")
@@ -81,6 +82,47 @@ fn the_modal_model_has_the_modes_asked_for_and_begins_and_ends_at_rest() {
             let ratio = c / (2.0 * w2.sqrt());
             assert!((0.005..0.06).contains(&ratio), "{name} mode {k}: {ratio}");
         }
+    }
+}
+
+#[test]
+fn all_modes_together_give_the_static_deflection_and_those_left_out_are_not_missed() {
+    // w_sensor = sum_k sensor_k path_k / omega_k^2 for a unit load on the path, against K^-1. Left out are modes of a part
+    // of 1e-3 at both ends, so 1e-6 each; several hundred of them, of either sign and with rising stiffness.
+    const LEFT_OUT: f64 = 1e-5;
+    for (name, sensor) in [("girder50", 6), ("rdso45m", 4), ("viaduct24", 3)] {
+        let bridge = structure(name);
+        let model = ModalModel::new(&bridge, &[], Wanted::Count(usize::MAX)).expect("modes");
+        let place = bridge
+            .sensors
+            .iter()
+            .position(|place| place.number == sensor)
+            .expect("there");
+        let point = bridge.path.len() / 2;
+        let mut load = DMatrix::zeros(bridge.matrices.freedoms(), 1);
+        for &(freedom, factor) in &bridge.path[point].vertical[0] {
+            load[(freedom, 0)] += factor;
+        }
+        let exact = value(
+            &bridge.sensors[place].row,
+            solve(&bridge.stiffness(&[]), &load).expect("positive").column(0),
+        );
+        let found: f64 = (0..model.omega_squared.len())
+            .map(|k| model.sensors[place].row[k] * model.path[point].vertical[0][k] / model.omega_squared[k])
+            .sum();
+        let below = |hz: f64| model.omega_squared.iter().filter(|&&w2| frequency_hz(w2) <= hz).count();
+        let all = natural_modes(&bridge.stiffness(&[]), bridge.mass())
+            .expect("positive")
+            .omega_squared;
+        println!(
+            "{name}: {exact:.6e} m/N, {:.1e} off; below 40 Hz {} of {} modes are kept, in all {} of {}",
+            found / exact - 1.0,
+            below(40.0),
+            all.iter().filter(|&&w2| frequency_hz(w2) <= 40.0).count(),
+            model.omega_squared.len(),
+            all.len()
+        );
+        assert!((found / exact - 1.0).abs() < LEFT_OUT, "{name}: {found:e} {exact:e}");
     }
 }
 

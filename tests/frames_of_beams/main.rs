@@ -4,7 +4,9 @@
 mod bad_files;
 mod closed_forms;
 mod damage;
+mod files;
 mod shipped;
+mod shown;
 mod statics;
 
 use host_sim::model::eigen::NaturalModes;

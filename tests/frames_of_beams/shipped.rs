@@ -42,16 +42,16 @@ viaduct24   7     3.76 Hz  x  87  y  13  z   0  turning   0 %
 viaduct24   8     4.87 Hz  x  92  y   8  z   0  turning   0 %
 viaduct24   9     5.53 Hz  x  93  y   7  z   0  turning   0 %
 viaduct24  10    14.24 Hz  x  22  y   1  z  74  turning   2 %
-rdso45m     1     3.41 Hz  x   0  y  97  z   3  turning   0 %
+rdso45m     1     3.42 Hz  x   0  y  97  z   3  turning   0 %
 rdso45m     2     5.47 Hz  x   7  y   0  z  93  turning   0 %
-rdso45m     3     6.14 Hz  x   1  y  84  z  15  turning   0 %
-rdso45m     4     7.76 Hz  x   2  y  96  z   2  turning   0 %
-rdso45m    23    10.67 Hz  x  81  y   0  z  17  turning   2 %
-rdso45m    28    12.08 Hz  x   2  y  96  z   2  turning   1 %
-rdso45m    45    14.50 Hz  x  11  y  39  z  48  turning   2 %
-rdso45m    46    14.56 Hz  x  17  y   0  z  82  turning   0 %
-rdso45m    47    15.34 Hz  x  97  y   0  z   2  turning   0 %
-rdso45m    48    15.37 Hz  x  97  y   0  z   3  turning   0 %";
+rdso45m     3     6.15 Hz  x   1  y  83  z  16  turning   0 %
+rdso45m     4     7.77 Hz  x   2  y  95  z   2  turning   0 %
+rdso45m    13    10.64 Hz  x  74  y   0  z  15  turning  10 %
+rdso45m    28    12.11 Hz  x   2  y  95  z   2  turning   1 %
+rdso45m    45    14.55 Hz  x  18  y   0  z  81  turning   0 %
+rdso45m    46    14.72 Hz  x  17  y  43  z  38  turning   1 %
+rdso45m    47    15.23 Hz  x  97  y   0  z   2  turning   1 %
+rdso45m    48    15.27 Hz  x  97  y   0  z   2  turning   0 %";
 
 #[test]
 fn first_modes_of_every_bridge_are_those_of_the_table() {

@@ -49,6 +49,9 @@ pub(super) struct Arguments {
     /// Modes of the bridge
     #[arg(long, default_value_t = 8)]
     modes: usize,
+    /// Instead of a number of modes: all up to this frequency
+    #[arg(long, conflicts_with = "modes", allow_negative_numbers = true)]
+    up_to_hz: Option<f64>,
     /// Step of the solver
     #[arg(long, default_value_t = 0.001, allow_negative_numbers = true)]
     step_s: f64,
@@ -219,6 +222,7 @@ fn scenario(arguments: &Arguments, bridge: &BridgeFrame) -> Result<Scenario> {
             Observed::Displacement => Quantity::Displacement,
         },
         modes: arguments.modes,
+        up_to_hz: arguments.up_to_hz,
         step_s: arguments.step_s,
         rate_hz: arguments.rate_hz,
         antialias_hz: arguments.antialias_hz,
@@ -262,11 +266,18 @@ fn command_line(arguments: &Arguments, bridge: &str, scenario: &Scenario) -> Str
         Quantity::Acceleration => "acceleration",
         Quantity::Displacement => "displacement",
     };
+    let _ = write!(line, " --nodes {} --quantity {quantity}", nodes.join(","));
+    match scenario.up_to_hz {
+        Some(limit) => line += &format!(" --up-to-hz {limit}"),
+        None => line += &format!(" --modes {}", scenario.modes),
+    }
     let _ = write!(
         line,
-        " --nodes {} --quantity {quantity} --modes {} --step-s {}",
-        nodes.join(","),
-        scenario.modes,
+        " --scheme {} --step-s {}",
+        match scenario.scheme {
+            Scheme::Exact => "exact",
+            Scheme::AverageAcceleration | Scheme::FoxGoodwin => "average-acceleration",
+        },
         scenario.step_s
     );
     for (flag, value) in [

@@ -1,6 +1,6 @@
 //! From a bridge file to the reduced model that the logger holds.
 //!
-//! [`file`] reads what an engineer wrote, a girder or a [`frame`], and makes a [`BridgeFrame`] of it; [`structure`] is
+//! [`mod@file`] reads what an engineer wrote, a girder or a [`frame`], and makes a [`BridgeFrame`] of it; [`structure`] is
 //! that in finite elements, with the [`path`] of the wheels. [`eigen`] finds its natural modes, [`modal`] makes of them
 //! what the time solution wants, [`reduce`] the [`ReducedBridge`] of a logger; [`shapes`] takes the mode shapes back out
 //! of it, for the eye.

@@ -15,8 +15,11 @@ use super::eigen::{Wanted, natural_modes};
 use super::frame::constraint::Row;
 use super::structure::Structure;
 
-/// A mode none of whose rows reaches this part of the largest of all modes moves neither path nor sensor.
-const UNMOVED: f64 = 1e-9;
+/// A mode that reaches less than this part of the largest of all modes, in each quantity at the path and the sensors, is
+/// left out. What it would add to any response goes with the product of two such parts, 1e-6.
+const UNMOVED: f64 = 1e-3;
+/// Quantities that are compared with their like: vertical, lateral and roll, values and slopes, and the sensors.
+const QUANTITIES: usize = 7;
 
 /// The modes of a bridge, damaged or not.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +62,8 @@ pub struct Sensor {
 
 impl ModalModel {
     /// The modes of a structure with the fraction of stiffness that each damage group has lost (groups beyond the slice are
-    /// whole). Modes that move neither the path nor any sensor are left out; `wanted` counts them.
+    /// whole). Modes that move neither the path nor any sensor (members of a truss that turn about their own axes, say)
+    /// are left out; `wanted` counts them.
     ///
     /// # Errors
     /// If the damaged bridge can move without resistance.
@@ -73,17 +77,13 @@ impl ModalModel {
             structure.bridge.damping.rayleigh(&modes.omega_squared)
         };
         let count = wanted.among(&modes.omega_squared);
-        let reach: Vec<f64> = (0..count)
-            .map(|k| {
-                let shape = modes.shapes.column(k);
-                let sensors = structure.sensors.iter().map(|sensor| &sensor.row);
-                let path = (structure.path.iter()).flat_map(|at| at.vertical.iter().chain(&at.lateral).chain(&at.roll));
-                path.chain(sensors)
-                    .fold(0.0_f64, |most, row| most.max(value(row, shape).abs()))
-            })
+        let reach: Vec<[f64; QUANTITIES]> = (0..count).map(|k| reach(structure, modes.shapes.column(k))).collect();
+        let largest = (reach.iter()).fold([0.0; QUANTITIES], |most, of| {
+            std::array::from_fn(|i| of[i].max(most[i]))
+        });
+        let kept: Vec<usize> = (0..count)
+            .filter(|&k| reach[k].iter().zip(largest).any(|(of, most)| *of > UNMOVED * most))
             .collect();
-        let largest = reach.iter().copied().fold(0.0, f64::max);
-        let kept: Vec<usize> = (0..count).filter(|&k| reach[k] > UNMOVED * largest).collect();
         let along = |row: &Row| -> Vec<f64> { kept.iter().map(|&k| value(row, modes.shapes.column(k))).collect() };
         let pair = |rows: &[Row; 2]| [along(&rows[0]), along(&rows[1])];
         let omega_squared: Vec<f64> = kept.iter().map(|&k| modes.omega_squared[k]).collect();
@@ -108,6 +108,22 @@ impl ModalModel {
                 .collect(),
         })
     }
+}
+
+/// The largest value of each quantity in a mode.
+fn reach(structure: &Structure, shape: DVectorView<'_, f64>) -> [f64; QUANTITIES] {
+    let mut reach = [0.0_f64; QUANTITIES];
+    for point in &structure.path {
+        for (most, row) in reach
+            .iter_mut()
+            .zip(point.vertical.iter().chain(&point.lateral).chain(&point.roll))
+        {
+            *most = most.max(value(row, shape).abs());
+        }
+    }
+    let sensors = structure.sensors.iter().map(|sensor| value(&sensor.row, shape).abs());
+    reach[QUANTITIES - 1] = sensors.fold(0.0, f64::max);
+    reach
 }
 
 /// A row's value for a shape.

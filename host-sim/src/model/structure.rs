@@ -3,7 +3,7 @@
 //! A girder file and a frame file both become a [`BridgeFrame`], and that a [`Structure`] with the matrices; all that
 //! follows (modes, reduction, condensation) knows only this.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use nalgebra::{DMatrix, Vector3};
 
 use super::frame::Frame;
@@ -102,8 +102,9 @@ impl Structure {
     /// # Errors
     /// If the frame cannot stand, or the path does not begin and end at points that cannot sink.
     pub fn new(bridge: BridgeFrame) -> Result<Self> {
-        let matrices = Assembly::new(&bridge.frame)?;
-        let path = path::rows(&bridge.frame, &bridge.path, &matrices.rows)?;
+        let name = || format!("bridge \"{}\"", bridge.name);
+        let matrices = Assembly::new(&bridge.frame).with_context(name)?;
+        let path = path::rows(&bridge.frame, &bridge.path, &matrices.rows).with_context(name)?;
         let sensors = bridge
             .sensors
             .iter()

@@ -4,15 +4,18 @@ use std::path::Path;
 
 use anyhow::Result;
 use nalgebra::{DVector, Vector3};
+use plotters::style::Color;
 use plotters::style::text_anchor::HPos;
 
-use super::canvas::{BLUE, BODY, Canvas, GRID, INK, LEFT, Panel, RIGHT, SMALL, SOFT, Svg, TITLE, WIDTH};
+use super::canvas::{BLUE, BODY, Canvas, INK, LEFT, Panel, RIGHT, SMALL, SOFT, Svg, TITLE, WIDTH};
 use crate::model::Structure;
 use crate::model::modal::value;
 use crate::output;
 
 /// Largest displacement in a picture, as a part of the frame's length.
 const LARGEST: f64 = 0.04;
+/// Opacity of the frame at rest.
+const AT_REST: f64 = 0.4;
 /// Space between the panels, px.
 const CAPTION: f64 = 34.0;
 const HEAD: f64 = 56.0;
@@ -76,7 +79,7 @@ fn draw(panel: &Panel<'_, '_>, structure: &Structure, moved: &[Vector3<f64>], ax
         let at = frame.nodes[node].place_m + moved[node] * scale;
         (at.x, at[axis])
     };
-    for (scale, colour, width) in [(0.0, GRID, 1.5), (1.0, BLUE, 1.2)] {
+    for (scale, colour, width) in [(0.0, SOFT.mix(AT_REST), 1.0), (1.0, BLUE.mix(1.0), 1.2)] {
         for beam in &frame.beams {
             panel.line(&beam.nodes.map(|node| point(node, scale)), colour, width)?;
         }

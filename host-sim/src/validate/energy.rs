@@ -90,7 +90,7 @@ struct Balance {
 impl Ledger<'_> {
     fn books(&self, state: State<'_>, car: [&[f64]; 2], front_m: f64, side: Side) -> Books {
         let [y, yd] = car;
-        let along = |shape: &nalgebra::SVector<f64, MODES>, modal: &[f64]| -> f64 {
+        let along = |shape: &[f64; MODES], modal: &[f64]| -> f64 {
             modal.iter().zip(shape.iter()).map(|(q, phi)| q * phi).sum()
         };
         let stretched = |lever: &[f64; SPATIAL_DOFS]| lever.iter().zip(y).map(|(s, y)| s * y).sum::<f64>();
@@ -120,7 +120,7 @@ impl Ledger<'_> {
                 if on {
                     self.modes.shape(contact.motion, order, x)
                 } else {
-                    nalgebra::SVector::zeros()
+                    [0.0; MODES]
                 }
             };
             let [phi, turn, bend] = [shape(0), shape(1), shape(2)];

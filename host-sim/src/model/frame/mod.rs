@@ -6,7 +6,7 @@
 //! `r_z = du_y/dx`. Rotations are small.
 //!
 //! [`element`] is one beam, [`constraint`] says how held and linked degrees of freedom follow the free ones, [`assembly`]
-//! puts all together, [`soundness`] refuses what could not stand; [`file`] and [`reading`] make a [`Frame`] of what an
+//! puts all together, [`soundness`] refuses what could not stand; [`mod@file`] and [`reading`] make a [`Frame`] of what an
 //! engineer wrote.
 
 pub mod assembly;

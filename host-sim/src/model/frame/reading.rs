@@ -540,8 +540,13 @@ impl Builder<'_> {
     }
 
     fn node(&self, prefix: &str, name: &Name) -> Result<usize> {
-        (self.numbers.get(&format!("{prefix}{}", name.get_ref())).copied())
-            .ok_or_else(|| anyhow!("{}: there is no node \"{}\"", self.place(&name.span()), name.get_ref()))
+        (self.numbers.get(&format!("{prefix}{}", name.get_ref())).copied()).ok_or_else(|| {
+            anyhow!(
+                "{}: there is no node \"{prefix}{}\"; check the name, or add it to [nodes]",
+                self.place(&name.span()),
+                name.get_ref()
+            )
+        })
     }
 
     /// Marks of the directions of a list of names.
