@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, bail};
 use nalgebra::SVector;
 use spanwatch::capacity::CARS;
+use spanwatch::interaction::car::CarState;
 use spanwatch::interaction::contact::hermite;
 use spanwatch::interaction::{Interaction, Modes, Run, Scheme, TrainSteps};
 use spanwatch::train::Motion;
@@ -10,7 +11,6 @@ use spanwatch::train::stock::{SPATIAL_CONTACTS, SPATIAL_DOFS};
 use spanwatch::train::track::{Smooth, Track};
 
 use crate::model::modal::ModalModel;
-use crate::track::Profile;
 use crate::train::SpatialTrain;
 
 /// Most modes that are stepped.
@@ -21,7 +21,7 @@ type SpatialInteraction<'a, const M: usize> =
     Interaction<'a, f64, SpatialModes<M>, &'a dyn Track<f64>, M, SPATIAL_DOFS, SPATIAL_CONTACTS, CARS>;
 
 /// What crosses what, and how.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Crossing<'a> {
     /// The bridge.
     pub model: &'a ModalModel,
@@ -30,15 +30,15 @@ pub struct Crossing<'a> {
     /// How it runs.
     pub run: Run<f64>,
     /// The irregularity of the track; none: smooth.
-    pub track: Option<&'a Profile>,
+    pub track: Option<&'a dyn Track<f64>>,
     /// How time is stepped.
     pub scheme: Scheme,
     /// Length of a step, s.
     pub step_s: f64,
 }
 
-/// The bridge after a step: modal coordinates, mass-normalised.
-#[derive(Debug, Clone, Copy)]
+/// Bridge and cars after a step; the bridge in modal coordinates, mass-normalised.
+#[derive(Clone, Copy)]
 pub struct State<'a> {
     /// Displacements, kg^1/2 m.
     pub position: &'a [f64],
@@ -46,6 +46,8 @@ pub struct State<'a> {
     pub velocity: &'a [f64],
     /// Accelerations, kg^1/2 m/s².
     pub acceleration: &'a [f64],
+    /// The cars by number, as [`Interaction::car`] knows them.
+    pub car: &'a dyn Fn(usize) -> Option<&'a CarState<f64, SPATIAL_DOFS>>,
 }
 
 /// What a row of the modes shows of a crossing, from time 0 on, a value a step.
@@ -96,19 +98,18 @@ impl Crossing<'_> {
     }
 
     fn solve_in<const M: usize>(&self, steps: usize, each: &mut dyn FnMut(State<'_>)) -> Result<()> {
-        let track: &dyn Track<f64> = match self.track {
-            Some(profile) => profile,
-            None => &Smooth,
-        };
+        let track: &dyn Track<f64> = self.track.unwrap_or(&Smooth);
         let cars = TrainSteps::new(self.train.clone(), self.scheme, self.step_s).context("the train")?;
         let mut interaction = SpatialInteraction::<M>::new(SpatialModes::new(self.model), track, &cars, self.run)?;
         let modes = self.model.omega_squared.len();
         for _ in 0..steps {
             interaction.step();
+            let interaction = &interaction;
             each(State {
                 position: &interaction.position().as_slice()[..modes],
                 velocity: &interaction.velocity().as_slice()[..modes],
                 acceleration: &interaction.acceleration().as_slice()[..modes],
+                car: &|index| interaction.car(index),
             });
         }
         Ok(())
@@ -119,7 +120,7 @@ impl Crossing<'_> {
 type Node<const M: usize> = [[SVector<f64, M>; 2]; 3];
 
 /// A [`ModalModel`] in vectors of fixed size. Modes beyond those of the model have no shape and stay at rest.
-struct SpatialModes<const M: usize> {
+pub struct SpatialModes<const M: usize> {
     omega_squared: SVector<f64, M>,
     damping: SVector<f64, M>,
     position_m: Vec<f64>,
@@ -129,7 +130,8 @@ struct SpatialModes<const M: usize> {
 }
 
 impl<const M: usize> SpatialModes<M> {
-    fn new(model: &ModalModel) -> Self {
+    /// The modes of `model`, at most `M`.
+    pub fn new(model: &ModalModel) -> Self {
         let padded = |values: &[f64], rest: f64| SVector::from_fn(|k, _| values.get(k).copied().unwrap_or(rest));
         let nodes: Vec<Node<M>> = (model.path.iter())
             .map(|at| [&at.vertical, &at.lateral, &at.roll].map(|pair| [padded(&pair[0], 0.0), padded(&pair[1], 0.0)]))

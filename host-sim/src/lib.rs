@@ -19,3 +19,4 @@ pub mod terminal;
 pub mod toml_text;
 pub mod track;
 pub mod train;
+pub mod validate;

@@ -13,6 +13,7 @@ use spanwatch::bridge::MAX_DAMAGE;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::interaction::{Direction, Kinematics, Run, Scheme};
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
+use spanwatch::train::track::Track;
 use spanwatch::wire::message::TrainKind;
 
 use crate::crossing::{Crossing, MAX_MODES};
@@ -301,7 +302,7 @@ pub fn simulate_reporting(
         model: &model,
         train: &train,
         run,
-        track: scenario.track.as_ref(),
+        track: (scenario.track.as_ref()).map(|profile| profile as &dyn Track<f64>),
         scheme: scenario.scheme,
         step_s: scenario.step_s,
     };

@@ -78,6 +78,21 @@ impl<T: Real, const D: usize> CarState<T, D> {
             acceleration: zero,
         }
     }
+
+    /// Place of each degree of freedom, m (rad) from static balance.
+    pub fn position(&self) -> &[T] {
+        self.position.as_slice()
+    }
+
+    /// Its rate, m/s.
+    pub fn velocity(&self) -> &[T] {
+        self.velocity.as_slice()
+    }
+
+    /// Its acceleration, m/s².
+    pub fn acceleration(&self) -> &[T] {
+        self.acceleration.as_slice()
+    }
 }
 
 impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {

@@ -254,6 +254,13 @@ where
         &self.bridge
     }
 
+    /// Car `index` (from 0, front first) after the last step in which it touched the bridge; none before it has reached the
+    /// bridge, and none once its memory has gone to a later car.
+    pub fn car(&self, index: usize) -> Option<&CarState<T, D>> {
+        let kept = index < self.entered && self.entered - index <= A;
+        self.cars.get(index % A).filter(|_| kept)
+    }
+
     /// Advances by one step.
     pub fn step(&mut self) {
         self.steps += 1;

@@ -8,17 +8,8 @@ use std::f64::consts::{PI, TAU};
 /// Length of all beams here, m.
 const L: f64 = 10.0;
 
-/// Holds all but vertical bending.
-const VERTICAL_ONLY: [bool; NODE_FREEDOMS] = [true, true, false, true, false, true];
-
 fn bending(elements: usize, ends: [[bool; NODE_FREEDOMS]; 2]) -> Frame {
-    let mut frame = line([0.0; 3], [L, 0.0, 0.0], elements, ends);
-    for node in &mut frame.nodes {
-        for (held, always) in node.held.iter_mut().zip(VERTICAL_ONLY) {
-            *held |= always;
-        }
-    }
-    frame
+    specimen::bending(L, elements, ends)
 }
 
 /// `f_k` of a beam with the root `beta L` of its frequency equation.
@@ -28,13 +19,12 @@ fn exact_hz(beta_l: f64) -> f64 {
 
 #[test]
 fn beams_come_to_their_closed_forms_from_above_with_the_fourth_power_of_the_element() {
-    let pinned = [true, true, true, true, false, true];
     // Roots of the frequency equations (Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1).
     let cases = [
         ("cantilever", [FIXED, FREE], [1.875_104_07, 4.694_091_13, 7.854_757_44]),
-        ("simply supported", [pinned, pinned], [PI, 2.0 * PI, 3.0 * PI]),
+        ("simply supported", [PINNED, PINNED], [PI, 2.0 * PI, 3.0 * PI]),
         ("clamped", [FIXED, FIXED], [4.730_040_74, 7.853_204_62, 10.995_607_9]),
-        ("propped", [FIXED, pinned], [3.926_602_31, 7.068_582_75, 10.210_176_1]),
+        ("propped", [FIXED, PINNED], [3.926_602_31, 7.068_582_75, 10.210_176_1]),
     ];
     for (name, ends, roots) in cases {
         let errors = |elements| {
@@ -112,33 +102,18 @@ fn the_sway_of_a_portal_on_heavy_beam_is_that_of_an_oscillator() {
         polar_inertia_kgm: 0.0,
         ..SECTION
     };
-    let mut frame = Frame {
-        nodes: vec![
-            node("A", [0.0, 0.0, 0.0], FIXED),
-            node("B", [0.0, 0.0, h], FREE),
-            node("C", [b, 0.0, h], FREE),
-            node("D", [b, 0.0, 0.0], FIXED),
-        ],
-        beams: vec![
-            Beam::plain([0, 1], light),
-            Beam::plain([1, 2], light),
-            Beam::plain([3, 2], light),
-        ],
-        masses: [1, 2]
-            .map(|node| LumpedMass {
-                node,
-                mass_kg: 5000.0,
-                inertia_kgm2: [0.0; 3],
-            })
-            .to_vec(),
-        ..Frame::default()
-    };
+    let mut frame = portal(h, b, light);
+    frame.masses = [1, 2]
+        .map(|node| LumpedMass {
+            node,
+            mass_kg: 5000.0,
+            inertia_kgm2: [0.0; 3],
+        })
+        .to_vec();
     for node in &mut frame.nodes[1..3] {
         node.held = [false, true, false, true, false, true];
     }
-    let k = h / b;
-    let sway = h.powi(3) / (12.0 * light.bending_nm2[0]) * (2.0 + 3.0 * k) / (1.0 + 6.0 * k);
-    let exact = (1.0 / (sway * 10_000.0)).sqrt() / TAU;
+    let exact = (1.0 / (portal_sway(h, b, light) * 10_000.0)).sqrt() / TAU;
     // Rotations have no mass here: they are no modes, and do no harm.
     let found = modes(&frame);
     assert_eq!(found.omega_squared.len(), 4);

@@ -10,50 +10,11 @@ fn close(found: f64, exact: f64) {
     assert!((found / exact - 1.0).abs() < ROUNDING, "{found:e}, not {exact:e}");
 }
 
-/// Six rigid motions of a node at `p`: three movements and three rotations about the origin.
-fn rigid_motion(p: Vector3<f64>, k: usize) -> [f64; 6] {
-    let mut unit = Vector3::zeros();
-    unit[k % 3] = 1.0;
-    let (moved, turned) = if k < 3 {
-        (unit, Vector3::zeros())
-    } else {
-        (unit.cross(&p), unit)
-    };
-    [moved.x, moved.y, moved.z, turned.x, turned.y, turned.z]
-}
-
-/// Beams in odd directions, with every attribute that a beam can have.
-fn odd_beams() -> Vec<(Beam, [Vector3<f64>; 2])> {
-    let plain = Beam::plain([0, 1], SECTION);
-    let places = [Vector3::new(1.0, -2.0, 0.5), Vector3::new(4.0, 1.5, 3.0)];
-    vec![
-        (plain.clone(), places),
-        (plain.clone(), [Vector3::zeros(), Vector3::new(0.0, 0.0, -5.0)]),
-        (
-            Beam {
-                up: Some(Vector3::new(1.0, 0.3, -0.2)),
-                offset_m: [Vector3::new(0.1, 0.2, -0.3), Vector3::new(-0.2, 0.4, 0.5)],
-                rigid_m: [0.4, 0.7],
-                ..plain.clone()
-            },
-            places,
-        ),
-        (
-            Beam {
-                released: [[true, true, false], [false, true, true]],
-                rigid_m: [0.2, 0.0],
-                ..plain
-            },
-            places,
-        ),
-    ]
-}
-
 #[test]
 fn a_rigid_motion_strains_no_beam_and_carries_its_whole_mass() {
     for (beam, places) in odd_beams() {
         let matrices = beam.matrices(places).expect("a beam");
-        let motion = DMatrix::from_fn(12, 6, |row, k| rigid_motion(places[row / 6], k)[row % 6]);
+        let motion = specimen::rigid_motions(places);
         let force = matrices.stiffness * &motion;
         let scale = matrices.stiffness.amax();
         assert!(force.amax() < ROUNDING * scale, "{:e}", force.amax() / scale);
@@ -90,20 +51,7 @@ fn a_free_frame_has_six_rigid_body_modes() {
 #[test]
 fn displacements_are_reciprocal() {
     // Maxwell 1864: what a load at A does at B, a load at B does at A, in any directions, moments included.
-    let mut frame = line([0.0; 3], [2.0, 3.0, 1.0], 3, [FIXED, FREE]);
-    frame.beams[1].released[0] = [false, true, false];
-    frame.nodes.push(node("arm", [2.5, 3.0, 4.0], FREE));
-    frame.beams.push(Beam {
-        rigid_m: [0.3, 0.1],
-        ..Beam::plain([3, 4], SECTION)
-    });
-    // The hinge would let it fall.
-    frame.springs.push(Spring {
-        node: 4,
-        to: None,
-        stiffness: [1e5, 2e5, 3e5, 4e5, 5e5, 6e5],
-        group: None,
-    });
+    let frame = odd_frame();
     for (a, b) in [((1, 2), (4, 0)), ((4, 4), (2, 1)), ((3, 3), (4, 1))] {
         close(
             displacement(&frame, &[(a.0, a.1, 1.0)], b),
@@ -143,29 +91,14 @@ fn a_turned_cantilever_is_the_same_cantilever() {
 
 #[test]
 fn a_portal_frame_sways_as_its_textbook_formula_says() {
-    // Fixed feet, height h, span b, columns and beam alike, no stretching: k = I_b h / (I_c b),
-    // sway under a horizontal load P at the beam: P h^3 / (12 E I) (2 + 3 k) / (1 + 6 k) (Kleinlogel, frame 41).
+    // Fixed feet, height h, span b, columns and beam alike, no stretching.
     let (h, b) = (5.0, 8.0);
     let stiff = Section {
         axial_n: 1e16,
         ..SECTION
     };
-    let frame = Frame {
-        nodes: vec![
-            node("A", [0.0, 0.0, 0.0], FIXED),
-            node("B", [0.0, 0.0, h], FREE),
-            node("C", [b, 0.0, h], FREE),
-            node("D", [b, 0.0, 0.0], FIXED),
-        ],
-        beams: vec![
-            Beam::plain([0, 1], stiff),
-            Beam::plain([1, 2], stiff),
-            Beam::plain([3, 2], stiff),
-        ],
-        ..Frame::default()
-    };
-    let k = h / b;
-    let exact = h.powi(3) / (12.0 * stiff.bending_nm2[0]) * (2.0 + 3.0 * k) / (1.0 + 6.0 * k);
+    let frame = portal(h, b, stiff);
+    let exact = portal_sway(h, b, stiff);
     let found = displacement(&frame, &[(1, 0, 1.0)], (1, 0));
     // Beams that hardly stretch leave less than this.
     assert!((found / exact - 1.0).abs() < 1e-6, "{found:e} {exact:e}");

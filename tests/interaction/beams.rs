@@ -169,13 +169,3 @@ pub fn relative_rms(found: &[f64], expected: &[f64]) -> f64 {
 pub fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |largest, value| value.abs().max(largest))
 }
-
-/// Index and value of the lowest (most downward) displacement.
-pub fn lowest(values: &[f64]) -> (usize, f64) {
-    values
-        .iter()
-        .copied()
-        .enumerate()
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .expect("values")
-}

@@ -15,6 +15,7 @@ mod replay;
 mod show_frame;
 mod simulate;
 mod track;
+mod validate;
 
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
@@ -72,6 +73,8 @@ enum Command {
     /// Make the irregularity of a track by chance, or look into one
     #[command(subcommand)]
     Track(track::Command),
+    /// Compute the validation chapter: closed forms, others' numbers, what mechanics demands
+    Validate(validate::Arguments),
 }
 
 fn dispatch(command: Command) -> Result<()> {
@@ -86,6 +89,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Measure(arguments) => measure::run(&arguments),
         Command::Model(command) => model::run(&command),
         Command::Track(command) => track::run(&command),
+        Command::Validate(arguments) => validate::run(&arguments),
     }
 }
 
