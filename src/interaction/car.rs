@@ -182,19 +182,19 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
     /// Adds `sum_ij phi_i Z_ij phi_j^T` to the upper triangle of the bridge's matrix, for the contacts `on` the bridge with
     /// `shapes` under them.
     pub fn burden<const M: usize>(&self, on: Range<usize>, shapes: &[[T; M]; C], matrix: &mut [[T; M]; M]) {
-        for i in on.start.min(C)..on.end.min(C) {
+        let rows = self.impedance.iter().zip(shapes).take(on.end).skip(on.start);
+        for (impedance, shape) in rows {
             let mut weighted = [T::zero(); M];
             if on.len() == C {
                 // A loop of fixed length becomes straight code, and cars are wholly on the bridge for most of their way.
-                for (&z, other) in self.impedance[i].iter().zip(shapes) {
+                for (&z, other) in impedance.iter().zip(shapes) {
                     add_scaled(&mut weighted, z, other);
                 }
             } else {
-                for j in on.start.min(C)..on.end.min(C) {
-                    add_scaled(&mut weighted, self.impedance[i][j], &shapes[j]);
+                for (&z, other) in impedance.iter().zip(shapes).take(on.end).skip(on.start) {
+                    add_scaled(&mut weighted, z, other);
                 }
             }
-            let shape = &shapes[i];
             for r in 0..M {
                 for c in r..M {
                     matrix[r][c] += shape[r] * weighted[c];

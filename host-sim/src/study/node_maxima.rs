@@ -18,6 +18,7 @@ use spanwatch::capacity::{ELEMENTS, MODES};
 use spanwatch::interaction::{Run, Scheme};
 use spanwatch::train::Train;
 use spanwatch::train::stock::{self, PITCH_M};
+use spanwatch::train::track::Track;
 
 use crate::crossing::Crossing;
 use crate::model::eigen::{Wanted, frequency_hz};
@@ -127,7 +128,7 @@ fn maxima(model: &ModalModel, train: &SpatialTrain, track: Option<&Profile>) -> 
         model,
         train,
         run: Run::at(SPEED_MPS),
-        track,
+        track: track.map(|profile| profile as &dyn Track<f64>),
         scheme: Scheme::Exact,
         step_s: STEP_S,
     };
