@@ -15,6 +15,9 @@ const AXIS: f64 = 58.0;
 /// Space below a panel whose axis is that of the one under it, px.
 const SHARED: f64 = 8.0;
 
+/// Height for each number along a vertical axis, px.
+const PIXELS_A_TICK: f64 = 24.0;
+
 /// How an axis is divided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
@@ -178,7 +181,7 @@ fn draw(canvas: &Canvas<'_>, plot: &Plot, top: f64) -> Result<()> {
     canvas.legend(top - 14.0, &marks)?;
     let panel = canvas.panel(top, plot.height, plot.x.range(), plot.y.range());
     let along = plot.x.ticks(10);
-    panel.grid(&along, &plot.y.ticks((plot.height / 30.0) as usize))?;
+    panel.grid(&along, &plot.y.ticks((plot.height / PIXELS_A_TICK) as usize))?;
     panel.y_label(&plot.y.label)?;
     if let Some((value, words)) = &plot.level {
         let (y, (low, high)) = (plot.y.place(*value), plot.x.range());
