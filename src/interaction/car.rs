@@ -181,20 +181,24 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
 
     /// Adds `sum_ij phi_i Z_ij phi_j^T` to the upper triangle of the bridge's matrix, for the contacts `on` the bridge with
     /// `shapes` under them.
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "iterators cost the logger a tenth more instructions here"
+    )]
     pub fn burden<const M: usize>(&self, on: Range<usize>, shapes: &[[T; M]; C], matrix: &mut [[T; M]; M]) {
-        let rows = self.impedance.iter().zip(shapes).take(on.end).skip(on.start);
-        for (impedance, shape) in rows {
+        for i in on.start.min(C)..on.end.min(C) {
             let mut weighted = [T::zero(); M];
             if on.len() == C {
                 // A loop of fixed length becomes straight code, and cars are wholly on the bridge for most of their way.
-                for (&z, other) in impedance.iter().zip(shapes) {
+                for (&z, other) in self.impedance[i].iter().zip(shapes) {
                     add_scaled(&mut weighted, z, other);
                 }
             } else {
-                for (&z, other) in impedance.iter().zip(shapes).take(on.end).skip(on.start) {
-                    add_scaled(&mut weighted, z, other);
+                for j in on.start.min(C)..on.end.min(C) {
+                    add_scaled(&mut weighted, self.impedance[i][j], &shapes[j]);
                 }
             }
+            let shape = &shapes[i];
             for r in 0..M {
                 for c in r..M {
                     matrix[r][c] += shape[r] * weighted[c];
