@@ -7,6 +7,7 @@ pub mod evaluate;
 pub mod identification;
 pub mod image;
 pub mod model;
+pub mod number_table;
 pub mod output;
 pub mod picture;
 pub mod prediction;

@@ -5,40 +5,14 @@ use super::*;
 /// Sensor place of mid-span: node 6 of 11.
 pub const MID_SPAN: usize = 5;
 
-/// A uniform, simply supported beam.
-#[derive(Clone, Copy)]
-pub struct Beam {
-    pub length_m: f64,
-    pub bending_stiffness_nm2: f64,
-    pub mass_kgpm: f64,
-    pub damping_ratio: f64,
+/// The logger's model of a beam.
+pub trait Reduced {
+    fn reduced(&self) -> ReducedBridge<f64>;
 }
 
-pub const GIRDER50: Beam = Beam {
-    length_m: 50.0,
-    bending_stiffness_nm2: 1.55148e11,
-    mass_kgpm: 5000.0,
-    damping_ratio: 0.02,
-};
-
-impl Beam {
-    pub fn reduced(&self) -> ReducedBridge<f64> {
-        model::reduce::reduce(&BridgeFile {
-            name: "test beam".into(),
-            length_m: self.length_m,
-            elements: ELEMENTS,
-            mass_per_length_kgpm: self.mass_kgpm,
-            bending_stiffness_nm2: self.bending_stiffness_nm2,
-            supports: vec![1, ELEMENTS + 1],
-            damping_ratio: self.damping_ratio,
-            basis_modes: 8,
-        })
-        .expect("reduces")
-    }
-
-    /// Circular frequency of mode `k` (from 1) of the exact beam, rad/s.
-    pub fn omega(&self, k: usize) -> f64 {
-        (k as f64 * PI / self.length_m).powi(2) * (self.bending_stiffness_nm2 / self.mass_kgpm).sqrt()
+impl Reduced for Beam {
+    fn reduced(&self) -> ReducedBridge<f64> {
+        model::reduce::reduce(&self.file(ELEMENTS, 8)).expect("reduces")
     }
 }
 

@@ -13,7 +13,8 @@ use std::borrow::Borrow;
 use std::f64::consts::PI;
 use std::path::PathBuf;
 
-use host_sim::model::{self, BridgeFile};
+use host_sim::model;
+use host_sim::validate::beam::{Beam, GIRDER50};
 use spanwatch::bridge::{Damage, ModalBridge, ReducedBridge};
 use spanwatch::capacity::{BASIS, CAR_DOFS, CONTACTS, ELEMENTS, MODES};
 use spanwatch::interaction::{Kinematics, Modes, PlanarInteraction, Run, Scheme, SetupError, TrainSteps};

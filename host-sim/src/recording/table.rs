@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 
 use super::clock::{self, ClockError};
 use super::{Recording, description_path};
+use crate::number_table::NumberTable;
 
 /// Name of the first column.
 pub const TIME_COLUMN: &str = "time_s";
@@ -16,12 +17,8 @@ const MAX_TIME_DECIMALS: usize = 9;
 /// Reads the samples of the channels that `recording` names.
 pub fn read(path: &Path, mut recording: Recording) -> Result<Recording> {
     let file = path.display();
-    let mut reader = csv::ReaderBuilder::new()
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .with_context(|| format!("cannot read {file}"))?;
-    let header = reader.headers().map_err(|error| unreadable(path, &error))?.clone();
+    let mut table = NumberTable::open(path)?;
+    let header = table.header().clone();
     if header.get(0) != Some(TIME_COLUMN) {
         bail!(
             "{file}: line 1: the first column must be \"{TIME_COLUMN}\", not \"{}\"; the first line names the columns, \
@@ -48,35 +45,12 @@ pub fn read(path: &Path, mut recording: Recording) -> Result<Recording> {
         .collect::<Result<Vec<usize>>>()?;
 
     let (mut times, mut lines) = (Vec::new(), Vec::new());
-    let mut record = csv::StringRecord::new();
-    while reader
-        .read_record(&mut record)
-        .map_err(|error| unreadable(path, &error))?
-    {
-        let line = record.position().map_or(0, csv::Position::line);
-        if record.len() != header.len() {
-            bail!(
-                "{file}: line {line}: {} columns, but line 1 names {}",
-                record.len(),
-                header.len()
-            );
-        }
-        let number = |column: usize| -> Result<f64> {
-            let text = &record[column];
-            let place = || format!("{file}: line {line}, column {}", &header[column]);
-            let value: f64 = text
-                .parse()
-                .map_err(|_| anyhow!("{}: \"{text}\" is not a number", place()))?;
-            if !value.is_finite() {
-                bail!("{}: {text} is not a finite number; leave the row out instead", place());
-            }
-            Ok(value)
-        };
-        times.push(number(0)?);
+    while let Some(row) = table.next_row()? {
+        times.push(row.number(0)?);
         for (channel, &column) in recording.channels.iter_mut().zip(&columns) {
-            channel.values.push(number(column)? * channel.unit.factor());
+            channel.values.push(row.number(column)? * channel.unit.factor());
         }
-        lines.push(line);
+        lines.push(row.line);
     }
     if times.is_empty() {
         bail!("{file}: it has a header but no samples");
@@ -101,16 +75,6 @@ pub fn read(path: &Path, mut recording: Recording) -> Result<Recording> {
     recording.interval_s = interval_s;
     recording.runs = runs;
     Ok(recording)
-}
-
-fn unreadable(path: &Path, error: &csv::Error) -> anyhow::Error {
-    let file = path.display();
-    let line = match error.kind() {
-        csv::ErrorKind::Utf8 { pos: Some(pos), .. } => pos.line(),
-        csv::ErrorKind::Io(error) => return anyhow!("cannot read {file}: {error}"),
-        _ => return anyhow!("{file}: {error}"),
-    };
-    anyhow!("{file}: line {line}: it is not text (UTF-8); a recording is a CSV")
 }
 
 /// The text of a recording's CSV: times in as many decimals as they need, values with nine digits.

@@ -15,6 +15,7 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail};
 
 use super::{Profile, Rails};
+use crate::number_table::NumberTable;
 
 /// Name of the first column.
 pub const PLACE_COLUMN: &str = "x_m";
@@ -45,13 +46,8 @@ const MM: f64 = 1e-3;
 /// One sentence that says file, line and column, and what to mend.
 pub fn read(path: &Path) -> Result<Profile> {
     let file = path.display();
-    let mut reader = csv::ReaderBuilder::new()
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .with_context(|| format!("cannot read {file}"))?;
-    let header = reader.headers().map_err(|error| unreadable(path, &error))?.clone();
-    let layout = Layout::of(&header).with_context(|| format!("{file}: line 1"))?;
+    let mut table = NumberTable::open(path)?;
+    let layout = Layout::of(table.header()).with_context(|| format!("{file}: line 1"))?;
 
     let mut rails = Rails {
         x_m: Vec::new(),
@@ -59,32 +55,14 @@ pub fn read(path: &Path) -> Result<Profile> {
         y_m: Default::default(),
     };
     let mut lines = Vec::new();
-    let mut record = csv::StringRecord::new();
-    while reader
-        .read_record(&mut record)
-        .map_err(|error| unreadable(path, &error))?
-    {
-        let line = record.position().map_or(0, csv::Position::line);
-        if record.len() != header.len() {
-            bail!(
-                "{file}: line {line}: {} columns, but line 1 names {}",
-                record.len(),
-                header.len()
-            );
-        }
+    while let Some(row) = table.next_row()? {
         let number = |column: usize, limit: f64, unit: &str| -> Result<f64> {
-            let text = &record[column];
-            let place = || format!("{file}: line {line}, column {}", &header[column]);
-            let value: f64 = text
-                .parse()
-                .map_err(|_| anyhow!("{}: \"{text}\" is not a number", place()))?;
-            if !value.is_finite() {
-                bail!("{}: {text} is not a finite number; leave the row out instead", place());
-            }
+            let value = row.number(column)?;
             if value.abs() > limit {
                 bail!(
-                    "{}: {text} {unit} is more than {limit} {unit}; check the unit of the column",
-                    place()
+                    "{}: {} {unit} is more than {limit} {unit}; check the unit of the column",
+                    row.place(column),
+                    row.text(column)
                 );
             }
             Ok(value)
@@ -94,8 +72,8 @@ pub fn read(path: &Path) -> Result<Profile> {
             && x <= before
         {
             bail!(
-                "{file}: line {line}, column {PLACE_COLUMN}: {x} m does not come after {before} m; sort the rows by place, \
-                 one a place"
+                "{}: {x} m does not come after {before} m; sort the rows by place, one a place",
+                row.place(0)
             );
         }
         rails.x_m.push(x);
@@ -105,7 +83,7 @@ pub fn read(path: &Path) -> Result<Profile> {
                 rail[side].push(value * MM);
             }
         }
-        lines.push(line);
+        lines.push(row.line);
     }
     if rails.x_m.len() < FEWEST_POINTS {
         bail!(
@@ -208,17 +186,6 @@ pub fn median_spacing_m(x_m: &[f64]) -> f64 {
     let mut spacings: Vec<f64> = x_m.windows(2).map(|pair| pair[1] - pair[0]).collect();
     spacings.sort_by(f64::total_cmp);
     spacings[(spacings.len() - 1) / 2]
-}
-
-fn unreadable(path: &Path, error: &csv::Error) -> anyhow::Error {
-    let file = path.display();
-    match error.kind() {
-        csv::ErrorKind::Utf8 { pos: Some(pos), .. } => {
-            anyhow!("{file}: line {}: it is not text (UTF-8); a track is a CSV", pos.line())
-        }
-        csv::ErrorKind::Io(error) => anyhow!("cannot read {file}: {error}"),
-        _ => anyhow!("{file}: {error}"),
-    }
 }
 
 /// The text of a track's CSV: in the short form where rails are alike and straight, else each rail.

@@ -40,12 +40,9 @@ pub const GIRDER50: Beam = Beam {
 };
 
 impl Beam {
-    /// The lowest `modes` modes of the beam in `elements` finite elements, some of which have lost a part of their stiffness.
-    ///
-    /// # Errors
-    /// If the beam cannot stand: a length, stiffness or mass that is not positive.
-    pub fn damaged(&self, elements: usize, modes: usize, damage: &[f64]) -> Result<ModalModel> {
-        let file = BridgeFile {
+    /// The bridge file of the beam in `elements` finite elements, `basis_modes` modes in the basis of a logger's model.
+    pub fn file(&self, elements: usize, basis_modes: usize) -> BridgeFile {
+        BridgeFile {
             name: "beam".into(),
             length_m: self.length_m,
             elements,
@@ -53,9 +50,17 @@ impl Beam {
             bending_stiffness_nm2: self.bending_stiffness_nm2,
             supports: vec![1, elements + 1],
             damping_ratio: self.damping_ratio,
-            basis_modes: 1,
-        };
-        ModalModel::new(&Structure::new(BridgeFrame::from(&file))?, damage, Wanted::Count(modes))
+            basis_modes,
+        }
+    }
+
+    /// The lowest `modes` modes of the beam in `elements` finite elements, some of which have lost a part of their stiffness.
+    ///
+    /// # Errors
+    /// If the beam cannot stand: a length, stiffness or mass that is not positive.
+    pub fn damaged(&self, elements: usize, modes: usize, damage: &[f64]) -> Result<ModalModel> {
+        let frame = BridgeFrame::from(&self.file(elements, 1));
+        ModalModel::new(&Structure::new(frame)?, damage, Wanted::Count(modes))
     }
 
     /// The same of the whole beam.
