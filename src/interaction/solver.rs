@@ -177,7 +177,8 @@ where
     R: Track<T>,
 {
     /// Bridge and train at rest at time 0. A train whose entry lies before time 0 stands where its way has brought it, and its
-    /// loads appear at once.
+    /// loads appear at once; one that enters less than [`CORNER_STEPS`] steps after time 0 has a part of its first rounded corner
+    /// cut off.
     ///
     /// # Errors
     /// [`SetupError`] says which of speed, load factor, times and cars cannot be solved.
@@ -505,9 +506,12 @@ where
     }
 }
 
+/// Modes up to which a row is short.
+const SHORT_ROW: usize = 16;
+
 /// Solves `matrix x = rhs` in place, `matrix` symmetric, positive and given by its upper triangle, by elimination.
 ///
-/// Rows are worked on whole, though half of each is not needed: loops of fixed length become straight code.
+/// Short rows are worked on whole, though half of each is not needed: loops of fixed length become straight code.
 fn solve<T: Real, const M: usize>(matrix: &mut [[T; M]; M], rhs: &mut [T; M]) {
     for p in 0..M {
         let pivot = matrix[p];
@@ -517,7 +521,13 @@ fn solve<T: Real, const M: usize>(matrix: &mut [[T; M]; M], rhs: &mut [T; M]) {
         let above = rhs[p];
         for r in p + 1..M {
             let factor = pivot[r] * inverse;
-            add_scaled(&mut matrix[r], -factor, &pivot);
+            if M <= SHORT_ROW {
+                add_scaled(&mut matrix[r], -factor, &pivot);
+            } else {
+                for (target, &source) in matrix[r][r..].iter_mut().zip(&pivot[r..]) {
+                    *target -= factor * source;
+                }
+            }
             rhs[r] -= factor * above;
         }
     }
