@@ -8,6 +8,7 @@ use host_sim::evaluate::{Case, Signal, cases};
 use host_sim::identification::{Known, Method, Observed, search};
 use host_sim::model::{self, BridgeFrame};
 use host_sim::simulate::Scenario;
+use host_sim::validate::beam::GIRDER50;
 use rand_core::{Rng, SeedableRng, TryRng};
 use rand_xoshiro::{Xoshiro128PlusPlus, Xoshiro256PlusPlus};
 use spanwatch::capacity::ELEMENTS;
@@ -112,6 +113,40 @@ fn hybrid_finds_damage_that_it_was_not_made_for() {
             scenario.damage,
             found.damage
         );
+    }
+}
+
+#[test]
+fn a_bridge_of_fewer_elements_has_no_damage_in_those_that_it_has_not() {
+    // The search draws ten genes for any bridge; those of elements that do not exist move nothing and must not be believed.
+    for elements in [3, 6, 9] {
+        let file = GIRDER50.file(elements, elements.min(8));
+        let bridge = BridgeFrame::from(&file);
+        for loss in [0.0, 0.3] {
+            let mut damage = vec![0.0; elements];
+            damage[1] = loss;
+            let scenario = Scenario {
+                nodes: vec![2, 3],
+                damage,
+                noise: 0.05,
+                modes: 4,
+                ..Scenario::inspection_car()
+            }
+            .recorded();
+            let recording = Observed::simulated(&bridge, &scenario).expect("simulates");
+            for seed in 1..=4 {
+                let found = identify(&recording.problem(), seed);
+                let expected = if loss > 0.0 { 0b10 } else { 0 };
+                assert_eq!(
+                    found.certain(),
+                    expected,
+                    "{elements} elements, loss {loss}: {:?}",
+                    found.damage
+                );
+                assert!(found.damage[elements..].iter().all(|&loss| loss == 0.0));
+                assert_eq!(found.code, found.code.within(elements));
+            }
+        }
     }
 }
 

@@ -141,6 +141,7 @@ fn run(problem: &Problem<'_>, search: &mut impl CodeSearch, known: &Known, step:
         search.tell(misfit);
     }
     let (code, objective) = search.best();
+    let code = code.within(problem.bridge.elements);
     Ok(Found {
         damage: code.damage(),
         std: None,

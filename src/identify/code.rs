@@ -51,6 +51,11 @@ impl DamageCode {
         Self((self.0 & !(u32::from(GENE_MAX) << shift)) | (u32::from(gene & GENE_MAX) << shift))
     }
 
+    /// The code without the genes beyond the first `elements`, which a search draws though the bridge has no such elements.
+    pub fn within(self, elements: usize) -> Self {
+        (elements..ELEMENTS).fold(self, |code, element| code.with(element, 0))
+    }
+
     /// All genes, element 1 first.
     pub fn genes(self) -> [u8; ELEMENTS] {
         core::array::from_fn(|element| self.gene(element))

@@ -130,7 +130,8 @@ impl Hybrid {
             Some(refinement) => refinement,
             None => {
                 let Some(code) = self.search.ask() else {
-                    self.refinement = Some(Refinement::new(self.search.best().0.damage()));
+                    let code = self.search.best().0.within(problem.bridge.elements);
+                    self.refinement = Some(Refinement::new(code.damage()));
                     return Ok(None);
                 };
                 let misfit = problem.misfit(&code.damage())?;
