@@ -1,6 +1,6 @@
 //! Streaming detection of structural damage in railway viaducts from train passages.
 //!
-//! The data go one way, and each stage knows nothing of the next:
+//! The data go one way, and no stage works with the next; they share the words of [`wire::message`]:
 //!
 //! | stage | module | takes | gives |
 //! |---|---|---|---|

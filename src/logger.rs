@@ -30,8 +30,8 @@ use crate::wire::message::{
 
 /// Most solver steps in one slice of work, in which nothing else is done: a linearisation takes a step for each element and
 /// one more for each step of the passage. At 25 MHz and two clocks an instruction they take less than the board's watchdog
-/// allows (`src/bin/logger.rs`). 45 s of passage, a 16-car train at 40 km/h; a longer one is not identified.
-const SLICE_STEPS: u64 = 200_000;
+/// allows (`src/bin/logger.rs`). 36 s of passage, a 16-car train at 50 km/h; a longer one is not identified.
+const SLICE_STEPS: u64 = 160_000;
 /// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
 const BAD_SAMPLES: f32 = 0.05;
 /// Events that wait for [`Logger::next_event`]: all that one block of samples or one slice of work can cause.

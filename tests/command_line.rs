@@ -328,6 +328,84 @@ fn a_recording_never_overwrites_the_bridge_it_is_made_from() {
 }
 
 #[test]
+fn a_recording_never_overwrites_the_train_or_the_track_it_is_made_from() {
+    let folder = folder();
+    let train = include_str!("../host-sim/trains/rdso-test.toml");
+    fs::write(folder.path().join("train.toml"), train).expect("written");
+    succeeds(
+        folder.path(),
+        &[
+            "track",
+            "generate",
+            "--spectrum",
+            "fra6",
+            "--seed",
+            "1",
+            "-o",
+            "track.csv",
+        ],
+    );
+    let track = fs::read(folder.path().join("track.csv")).expect("a track");
+    let passage = ["simulate", "--bridge", "girder50", "--speed-kmh", "60"];
+    let train_run = ["--train", "train.toml", "-o", "train.csv"];
+    let track_run = [
+        "--train",
+        "inspection-2dof",
+        "--cars",
+        "1",
+        "--track",
+        "track.csv",
+        "-o",
+        "track.csv",
+    ];
+    for (more, what) in [(&train_run[..], "train"), (&track_run[..], "track")] {
+        let sentence = refusal(folder.path(), &[&passage[..], more].concat());
+        assert!(
+            sentence.contains(&format!("would overwrite the {what} file")),
+            "{sentence}"
+        );
+    }
+    assert_eq!(
+        fs::read_to_string(folder.path().join("train.toml")).expect("there"),
+        train
+    );
+    assert_eq!(fs::read(folder.path().join("track.csv")).expect("there"), track);
+}
+
+#[test]
+fn a_frame_is_simulated_with_the_modes_that_bend_under_wheels() {
+    // The eight lowest modes of the viaduct sway; a girder's default would show next to nothing of a train.
+    let folder = folder();
+    let largest = |more: &[&str]| {
+        let passage = [
+            "simulate",
+            "--bridge",
+            "viaduct24",
+            "--train",
+            "inspection-2dof",
+            "--cars",
+            "1",
+        ];
+        let run = [
+            "--speed-kmh",
+            "200",
+            "--nodes",
+            "1",
+            "--step-s",
+            "0.005",
+            "--rate-hz",
+            "200",
+            "--tail-s",
+            "0",
+        ];
+        succeeds(folder.path(), &[&passage[..], &run, more, &["-o", "x.csv"]].concat());
+        let (_, found) = columns(&folder.path().join("x.csv"));
+        found[1].iter().fold(0.0_f64, |most, a| most.max(a.abs()))
+    };
+    assert!(largest(&[]) > 20.0 * largest(&["--modes", "8"]));
+}
+
+#[test]
 fn a_model_is_built_and_shown() {
     let folder = folder();
     succeeds(folder.path(), &["model", "build", "girder50", "-o", "girder.model"]);

@@ -249,3 +249,16 @@ fn a_sender_that_loses_count_is_told() {
     logger.push(1_000, &counts[1_000..]).expect("goes on");
     assert_eq!(logger.samples(), counts.len() as u64);
 }
+
+#[test]
+fn an_empty_block_says_nothing_of_a_gap() {
+    let counts: Vec<i32> = (0..400).map(noise).collect();
+    let mut logger = Logger::new();
+    logger.configure(configuration(1)).expect("a configuration");
+    logger.push(0, &counts[..96]).expect("a block");
+    for _ in 0..2 {
+        logger.push(196, &[]).expect("an empty block");
+    }
+    logger.push(196, &counts[196..292]).expect("a block");
+    assert_eq!(logger.quality().missing, 100);
+}

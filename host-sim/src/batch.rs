@@ -1,6 +1,6 @@
 //! Many damage patterns of one passage, solved at once: one thread a processor, each pattern on one of them.
 //!
-//! Patterns share bridge, train and recording and nothing that changes, so n processors solve nearly n times as many
+//! Patterns share bridge, train and recording and nothing that changes, so two processors solve 1.7 times as many
 //! (`docs/benchmarks.md`), and every result is the same bits as that of its pattern alone. The number of threads is rayon's:
 //! all processors, or `RAYON_NUM_THREADS`, or that of the pool in which the call is made.
 

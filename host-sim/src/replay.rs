@@ -56,8 +56,8 @@ pub fn prepare(path: &Path, bridge: Option<&str>, seed: u64) -> Result<Prepared>
     let name = path.display();
     if recording.track.is_some() {
         bail!(
-            "{name}: its track is irregular, which the logger's identification does not know yet; leave the key track out to \
-             take the track for smooth"
+            "{name}: its track is irregular, which the logger's identification does not know yet; without the \
+             key track it takes the track for smooth, and what it finds then is not to be relied on"
         );
     }
     let bridge = match bridge.or(recording.bridge.as_deref()) {

@@ -34,7 +34,9 @@ impl Problem<'_> {
         Simulation::new(self.bridge, damage, self.observation)
     }
 
+    // Not inlined, as the next: their frames must not stand on the stack under the refinement's.
     /// Misfit of a damage pattern, (m/s²)²: one forward solve. Samples without a value do not count.
+    #[inline(never)]
     pub fn misfit(&self, damage: &Damage<f32>) -> Result<f32, SetupError> {
         let mut simulation = self.simulate(damage)?;
         let mut sum = 0.0;
@@ -59,6 +61,7 @@ impl Problem<'_> {
     /// The variance of the correlation of two series is `(1 + 2 sum_k rho_k rho'_k) / n` (Bartlett 1946). Here one is the residual
     /// and the other what an element's damage does to the record; both are motions of the same bridge, so the same `rho`
     /// is taken for both. `1/n` is what the square of an estimated `rho_k` is on average where the true one is 0.
+    #[inline(never)]
     pub fn correlation_time(&self, damage: &Damage<f32>) -> Result<f32, SetupError> {
         let mut simulation = self.simulate(damage)?;
         // The latest residuals of each channel, newest first.

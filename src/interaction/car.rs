@@ -189,7 +189,7 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
         for i in on.start.min(C)..on.end.min(C) {
             let mut weighted = [T::zero(); M];
             if on.len() == C {
-                // A loop of fixed length becomes straight code, and cars are wholly on the bridge for most of their way.
+                // A loop of fixed length becomes straight code; a car with all its contacts is on the bridge for most of its way.
                 for (&z, other) in self.impedance[i].iter().zip(shapes) {
                     add_scaled(&mut weighted, z, other);
                 }

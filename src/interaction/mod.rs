@@ -3,8 +3,8 @@
 //! ```text
 //! q'' + C q' + W q = sum_i phi_i F_i                            bridge, m modes, mass-normalised   (paper's Eqs 37, 44)
 //! u_i = phi_i . q + r                                           rail under contact i                 (Eqs 24 to 27)
-//! u_i' = phi_i . q' + v r' + [v phi_i'. q]
-//! u_i'' = phi_i . q'' + v^2 r'' + [2 v phi_i'. q' + v^2 phi_i''. q]      [..]: only with [`Kinematics::Convective`]
+//! u_i' = phi_i . q' + v r' + [v phi_i'. q]                              [..]: only with [`Kinematics::Convective`]
+//! u_i'' = phi_i . q'' + v^2 r'' + v' r' + [2 v phi_i'. q' + v^2 phi_i''. q + v' phi_i'. q]
 //! ```
 //!
 //! with the cars and the forces `F_i` of [`crate::train`], `phi_i = phi(x_i)` the mode shapes at the contact, `r` the

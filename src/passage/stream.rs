@@ -133,6 +133,10 @@ impl Stream {
         if channels == 0 || !counts.len().is_multiple_of(channels) {
             return Err(BlockError::Uneven);
         }
+        if counts.is_empty() {
+            // It says nothing of where the stream stands: a gap is known by the samples behind it.
+            return Ok(());
+        }
         let expected = self.next.unwrap_or(first_sample);
         let rows = (counts.len() / channels) as u64;
         if first_sample.checked_add(rows).is_none_or(|end| end < expected) {

@@ -287,7 +287,7 @@ pub enum Reason {
     NoModel,
     /// Nobody said which train comes.
     NoTraffic,
-    /// The passage is longer than the memory for it.
+    /// The passage is longer than the memory for it, or than its identification can be.
     TooLong,
     /// An earlier passage was still being identified.
     Busy,

@@ -74,6 +74,9 @@ fn build(bridge: &str, path: &Path) -> Result<()> {
 }
 
 fn show(name: &str, svg: Option<&Path>) -> Result<()> {
+    if let Some(svg) = svg.filter(|svg| svg.extension().is_none_or(|extension| extension != "svg")) {
+        bail!("{}: a picture is named by its file .svg", svg.display());
+    }
     let path = Path::new(name);
     let is_bridge_file = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     let bytes = if path.is_file() && !is_bridge_file {

@@ -30,6 +30,13 @@ pub struct BridgeFrame {
     pub masters: Vec<(usize, usize)>,
 }
 
+impl BridgeFrame {
+    /// Whether nothing moves but in vertical bending, as a girder does.
+    pub fn is_girder(&self) -> bool {
+        (self.frame.nodes.iter()).all(|node| [0, 1, 3, 5].iter().all(|&direction| node.held[direction]))
+    }
+}
+
 impl From<&Self> for BridgeFrame {
     fn from(bridge: &Self) -> Self {
         bridge.clone()

@@ -80,14 +80,14 @@ fn why(reason: &Reason) -> String {
     match reason {
         Reason::NoModel => "the logger has no model of this bridge".to_owned(),
         Reason::NoTraffic => "the logger was not told which train passes, how fast and when".to_owned(),
-        Reason::TooLong => "the passage is longer than the logger's memory for it".to_owned(),
+        Reason::TooLong => "the passage is longer than the logger can keep or identify".to_owned(),
         Reason::Busy => "the logger was still identifying an earlier passage".to_owned(),
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
         Reason::NotThisTrain => "the train that was announced did not enter the bridge during it".to_owned(),
         Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
         Reason::Unexplained => {
             "no pattern of damage explains the record; check train, speed, entry time, and the node, unit and sign of \
-             each channel"
+             each channel; a rough rail can be the reason too"
                 .to_owned()
         }
     }

@@ -158,8 +158,8 @@ impl Case {
         let aboard = self.cars as f64 * (length_m + car.length_m()) / (length_m + train.length_m());
         let (m, d) = (MODES as f64, CAR_DOFS as f64);
         let (n, s) = (car.contacts.len() as f64, car.springs.len() as f64);
-        let each = n * m * (m / 2.0 + n + 8.0) + d * (d + 2.0 * s + 5.0 * n);
-        Ok((m.powi(3) / 6.0 + aboard * each) / step_s(steps))
+        let each = n * m * (m / 2.0 + n + 8.0) + d * (d + 3.0 * s + 5.0 * n);
+        Ok((m * m * (m - 1.0) / 2.0 + aboard * each) / step_s(steps))
     }
 }
 

@@ -31,10 +31,8 @@ pub const LIMIT_MM: f64 = 100.0;
 pub const FARTHEST_M: f64 = 1e5;
 /// Fewest points.
 pub const FEWEST_POINTS: usize = 4;
-/// A spacing is a gap if it is more than this many times the usual (median) one ..
-const GAP_FACTOR: f64 = 20.0;
-/// .. and longer than this, m.
-const GAP_M: f64 = 1.0;
+/// A spacing is a gap if it is more than this many times the usual (median) one.
+const GAP_FACTOR: f64 = 5.0;
 /// Decimals of a written place, m, and irregularity, mm: curvature from points 0.05 m apart feels 1e-8 mm as 1e-8 /m.
 const PLACE_DECIMALS: usize = 4;
 const VALUE_DECIMALS: usize = 8;
@@ -176,7 +174,7 @@ fn gap(x_m: &[f64]) -> Option<(usize, f64)> {
     let usual = median_spacing_m(x_m);
     let row = (1..x_m.len()).find(|&i| {
         let spacing = x_m[i] - x_m[i - 1];
-        spacing > GAP_M && spacing > GAP_FACTOR * usual
+        spacing > GAP_FACTOR * usual
     })?;
     Some((row, usual))
 }
