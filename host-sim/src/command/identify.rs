@@ -106,7 +106,7 @@ fn in_words(found: &Found, observed: &Observed) -> String {
     }
     if found.std.is_some() {
         text.push_str(
-            "The ranges hold two standard deviations, of the noise alone: not what the model does not know.\n",
+            "The ranges hold two standard deviations, of what the noise and the residual leave open; not of what the model does not know.\n",
         );
     }
     let end = if found.converged {
