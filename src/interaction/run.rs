@@ -48,7 +48,7 @@ pub struct Run<T: Real> {
 
 /// Where the train's first wheelset is, from the end that it enters by, and how fast.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion1d<T: Real> {
+pub struct TrainPosition<T: Real> {
     /// Distance from that end, m; negative before.
     pub way_m: T,
     /// Speed, m/s.
@@ -69,17 +69,17 @@ impl<T: Real> Run<T> {
     }
 
     /// Where the train is after `steps` steps of `step_s`.
-    pub fn after(&self, steps: i32, step_s: T) -> Motion1d<T> {
+    pub fn after(&self, steps: i32, step_s: T) -> TrainPosition<T> {
         let (v, a) = (self.speed_mps, self.acceleration_mps2);
         let n = T::counted(steps);
         if a == T::zero() {
-            return Motion1d {
+            return TrainPosition {
                 way_m: n * (v * step_s) - v * self.entry_time_s,
                 speed_mps: v,
             };
         }
         let t = n * step_s - self.entry_time_s;
-        Motion1d {
+        TrainPosition {
             way_m: t * (v + T::of(0.5) * a * t),
             speed_mps: v + a * t,
         }

@@ -100,10 +100,8 @@ fn exact<T: Real>(h: T, omega_squared: T, damping: T) -> (T, T) {
     let decay = half * damping * h;
     // sinh and cosh of half the decay give those of the whole without losing digits.
     let (sinh, cosh) = sinh_cosh(half * decay);
-    let (cosh_decay, tanh_decay) = {
-        let cosh_decay = T::one() + two * sinh * sinh;
-        (cosh_decay, two * sinh * cosh / cosh_decay)
-    };
+    let cosh_decay = T::one() + two * sinh * sinh;
+    let tanh_decay = two * sinh * cosh / cosh_decay;
     // cosh(c h / 2) - cos(w_d h) = 2 (sinh^2(c h / 4) + sin^2(w_d h / 2)), with sin^2(i x) = -sinh^2(x) beyond critical damping.
     let wd2 = omega_squared - quarter * damping * damping;
     let turned = if wd2 >= T::zero() {

@@ -23,7 +23,7 @@ use nalgebra::SVector;
 
 use super::car::{CarState, CarSteps, Lead};
 use super::contact::Modes;
-use super::run::{Direction, Kinematics, Motion1d, Run, SetupError};
+use super::run::{Direction, Kinematics, Run, SetupError, TrainPosition};
 use super::scheme::{CORNER_STEPS, ModeSteps, Scheme, corner};
 use crate::bridge::ModalBridge;
 use crate::math::{Real, add_scaled, dot, entries};
@@ -250,11 +250,6 @@ where
         &self.acceleration
     }
 
-    /// The bridge.
-    pub fn bridge(&self) -> &B {
-        &self.bridge
-    }
-
     /// Car `index` (from 0, front first) after the last step in which it touched the bridge; none before it has reached the
     /// bridge, and none once its memory has gone to a later car.
     pub fn car(&self, index: usize) -> Option<&CarState<T, D>> {
@@ -453,7 +448,7 @@ where
         };
         let first: f64 = (start_s / self.step_s).floor().into();
         for step in first as i32..self.steps as i32 {
-            let Motion1d { way_m, speed_mps } = self.run.after(step, self.step_s);
+            let TrainPosition { way_m, speed_mps } = self.run.after(step, self.step_s);
             let mut leads = [Lead::still(); C];
             for (contact, lead) in car.contacts.iter().zip(&mut leads) {
                 *lead = self.irregularity(contact.motion, way_m - place.behind_m - contact.behind_m, speed_mps);
