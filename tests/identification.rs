@@ -16,6 +16,7 @@ use spanwatch::identify::code::CODE_BITS;
 use spanwatch::identify::{
     CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Problem, micro_ga, paper_ga,
 };
+use spanwatch::interaction::Direction;
 use spanwatch::wire::message::TrainKind;
 
 fn girder50() -> BridgeFrame {
@@ -114,6 +115,25 @@ fn hybrid_finds_damage_that_it_was_not_made_for() {
             found.damage
         );
     }
+}
+
+#[test]
+fn a_train_that_comes_from_the_other_end_and_brakes_is_explained_as_it_runs() {
+    let mut scenario = Scenario {
+        direction: Direction::Backward,
+        acceleration_mps2: -0.5,
+        nodes: vec![3, 6, 9],
+        ..Scenario::inspection_car()
+    }
+    .recorded();
+    scenario.damage[1] = 0.3;
+    let recording = Observed::simulated(&girder50(), &scenario).expect("simulates");
+    let found = identify(&recording.problem(), 1);
+    assert!(
+        (found.damage[1] - 0.3).abs() < 0.01 && found.certain() == 0b10,
+        "{:?}",
+        found.damage
+    );
 }
 
 #[test]

@@ -10,7 +10,7 @@ use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Problem};
 use spanwatch::interaction::simulation::Recorder;
-use spanwatch::interaction::{Observation, Run, SetupError};
+use spanwatch::interaction::{Observation, SetupError};
 use spanwatch::train::PlanarTrain;
 
 use crate::model::reduce::reduce;
@@ -182,12 +182,6 @@ impl Observed {
         };
         let cars = scenario.cars.unwrap_or(1);
         let train = PlanarTrain::of_kind(kind, cars).with_context(|| format!("there is no train of {cars} cars"))?;
-        let run = Run {
-            entry_time_s: scenario.lead_s as f32,
-            load_factor: scenario.load_factor as f32,
-            kinematics: scenario.kinematics,
-            ..Run::at((scenario.speed_kmh / 3.6) as f32)
-        };
         let places = (scenario.nodes.iter())
             .map(|&node| {
                 bridge
@@ -199,7 +193,7 @@ impl Observed {
         let recorder = Recorder::new(places, scenario.sample_interval_s().recip() as f32, antialias_hz);
         Ok(Self {
             bridge,
-            observation: Observation::new(train, run, recorder, scenario.scheme)?,
+            observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
             samples: (0..passage.channels[0].len())
                 .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
                 .collect(),

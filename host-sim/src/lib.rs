@@ -11,6 +11,7 @@ pub mod number_table;
 pub mod output;
 pub mod picture;
 pub mod prediction;
+pub mod random;
 pub mod recording;
 pub mod replay;
 pub mod simulate;

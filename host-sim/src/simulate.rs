@@ -7,11 +7,12 @@
 //! The samples are those of the half-open time from 0 to the end of the tail; the first axle enters after the lead.
 
 use anyhow::{Context, Result, bail};
-use rand_core::{Rng, SeedableRng};
+use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::bridge::MAX_DAMAGE;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::interaction::{Direction, Kinematics, Run, Scheme};
+use spanwatch::math::Real;
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
 use spanwatch::train::track::Track;
 use spanwatch::wire::message::TrainKind;
@@ -20,6 +21,7 @@ use crate::crossing::{Crossing, MAX_MODES};
 use crate::model::Structure;
 use crate::model::eigen::Wanted;
 use crate::model::modal::ModalModel;
+use crate::random::gaussian;
 use crate::recording::description::MAX_SPEED_KMH;
 use crate::track::Profile;
 use crate::train::TrainName;
@@ -128,6 +130,18 @@ impl Scenario {
     /// Time between samples, s.
     pub fn sample_interval_s(&self) -> f64 {
         self.rate_hz.map_or(self.step_s, f64::recip)
+    }
+
+    /// How the train runs; the first axle enters after the lead.
+    pub fn run<T: Real>(&self) -> Run<T> {
+        Run {
+            speed_mps: T::of(self.speed_kmh / 3.6),
+            acceleration_mps2: T::of(self.acceleration_mps2),
+            entry_time_s: T::of(self.lead_s),
+            load_factor: T::of(self.load_factor),
+            direction: self.direction,
+            kinematics: self.kinematics,
+        }
     }
 
     /// The modes that are wanted.
@@ -267,19 +281,12 @@ pub fn simulate_reporting(
             })
         })
         .collect::<Result<Vec<&[f64]>>>()?;
-    let run = Run {
-        acceleration_mps2: scenario.acceleration_mps2,
-        entry_time_s: scenario.lead_s,
-        load_factor: scenario.load_factor,
-        direction: scenario.direction,
-        kinematics: scenario.kinematics,
-        ..Run::at(scenario.speed_kmh / 3.6)
-    };
+    let run = scenario.run::<f64>();
     let steps_per_sample = scenario.steps_per_sample()?;
     let filter = AntiAlias::new(scenario.antialias_hz, scenario.step_s);
     let mut states = vec![AntiAliasState::default(); rows.len()];
 
-    let length_m = model.path.last().map_or(0.0, |end| end.x_m) + train.length_m();
+    let length_m = model.length_m() + train.length_m();
     let left_s = run
         .time_at_s(length_m)
         .context("the train stops before it has left the bridge; check --speed-kmh and --acceleration-mps2")?;
@@ -348,10 +355,4 @@ fn add_noise(channels: &mut [Vec<f64>], part: f64, seed: u64) {
             *value += sigma * gaussian(&mut rng);
         }
     }
-}
-
-/// A standard normal number (Box and Muller).
-fn gaussian(rng: &mut impl Rng) -> f64 {
-    let [u, v] = [0, 1].map(|_| ((rng.next_u64() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64);
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }

@@ -129,6 +129,11 @@ impl Structure {
         })
     }
 
+    /// Length of the path of the wheels, m.
+    pub fn length_m(&self) -> f64 {
+        self.path.last().map_or(0.0, |end| end.x_m)
+    }
+
     /// Consistent mass matrix over the free degrees of freedom.
     pub fn mass(&self) -> &DMatrix<f64> {
         &self.matrices.mass

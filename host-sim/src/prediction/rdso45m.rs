@@ -152,7 +152,7 @@ impl Truss {
 
     /// Largest deflection under the standing train at its worst place, by an influence line.
     pub fn standing(&self, line: &InfluenceLine) -> Peak {
-        let way_m = self.train.length_m() + self.structure.path.last().map_or(0.0, |end| end.x_m);
+        let way_m = self.train.length_m() + self.structure.length_m();
         let places = (0..=(way_m / SEARCH_M) as usize).map(|i| i as f64 * SEARCH_M);
         let worst = places
             .map(|front_m| (1e3 * line.under(&self.train, front_m), front_m - APPROACH_M))

@@ -89,7 +89,7 @@ impl Viaduct {
     /// # Errors
     /// If there is no such track.
     pub fn track(&self, seed: u64) -> Result<Profile> {
-        let length_m = self.structure.path.last().map_or(0.0, |end| end.x_m);
+        let length_m = self.structure.length_m();
         generate(
             SPECTRUM,
             seed,

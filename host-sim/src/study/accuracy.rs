@@ -226,7 +226,7 @@ pub fn tables(bridge: &Structure, comparisons: &[Comparison]) -> Result<String> 
     for case in comparisons.iter().filter_map(|c| c.rows.first()).map(|row| row.case) {
         let _ = write!(text, "| {} |", case.name);
         for steps in STEPS {
-            let work = case.multiplications_per_s(length_m(bridge), steps)?;
+            let work = case.multiplications_per_s(bridge.length_m(), steps)?;
             let _ = write!(text, " {:.2} |", 1e-6 * work);
         }
         text.push('\n');
@@ -255,10 +255,6 @@ fn percent(error: f64) -> String {
     format!("{percent:.decimals$}")
 }
 
-fn length_m(bridge: &Structure) -> f64 {
-    bridge.path.last().map_or(0.0, |end| end.x_m)
-}
-
 /// The picture of the page: error over work for the first case, and the worst of all over the steps a second.
 ///
 /// # Errors
@@ -278,7 +274,7 @@ pub fn plots(bridge: &Structure, comparisons: &[Comparison]) -> Result<Vec<Plot>
         })
         .collect();
     let work: Vec<f64> = (STEPS.iter())
-        .map(|&steps| first.rows[0].case.multiplications_per_s(length_m(bridge), steps))
+        .map(|&steps| first.rows[0].case.multiplications_per_s(bridge.length_m(), steps))
         .collect::<Result<_>>()?;
     let per_s: Vec<f64> = STEPS.iter().map(|&steps| RATE_HZ * f64::from(steps)).collect();
     let errors = |k: usize| first.rows[k].errors.to_vec();

@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 use std::fmt::Write as _;
 
 use anyhow::Result;
-use rand_core::{Rng, SeedableRng};
+use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{ELEMENTS, MODES};
 use spanwatch::interaction::{Run, Scheme};
@@ -24,6 +24,7 @@ use crate::crossing::Crossing;
 use crate::model::eigen::{Wanted, frequency_hz};
 use crate::model::modal::ModalModel;
 use crate::model::{Structure, shipped};
+use crate::random::unit;
 use crate::track::{Profile, Rails, Spectrum, Stretch, generate};
 use crate::train::SpatialTrain;
 
@@ -107,8 +108,7 @@ fn short_waves() -> Profile {
     let waves: Vec<(f64, f64)> = (0..SHORT_WAVES)
         .map(|k| {
             let length_m = shortest * (longest / shortest).powf(f64::from(k) / f64::from(SHORT_WAVES - 1));
-            let turn = (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-            (TAU / length_m, TAU * turn)
+            (TAU / length_m, TAU * unit(&mut rng))
         })
         .collect();
     let amplitude_m = SHORT_RMS_M * (2.0 / f64::from(SHORT_WAVES)).sqrt();

@@ -26,6 +26,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::spectrum::{Quantity, Spectrum};
 use super::spline::POINTS_A_WAVE;
 use super::{Profile, Rails, table};
+use crate::random::unit;
 
 /// Waves of each quantity.
 const WAVES: usize = 1200;
@@ -165,7 +166,7 @@ fn sum_of_waves(
         let low = ratio.powi(k as i32) / longest_m;
         let s = low * ratio.sqrt();
         let amplitude = (2.0 * density(s) * low * (ratio - 1.0)).sqrt();
-        let phase = TAU * ((rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64);
+        let phase = TAU * unit(rng);
         let (turn_sin, turn_cos) = (TAU * s * stretch.spacing_m).sin_cos();
         for (block, values) in sum.chunks_mut(TURNS).enumerate() {
             let x = stretch.from_m + (block * TURNS) as f64 * stretch.spacing_m;
