@@ -1,25 +1,20 @@
 //! Bad input gets one clear sentence on standard error and exit code 2, and nothing is written. Through the binary, as a
 //! user meets it; tests/recordings.rs holds the sentences for recordings one by one.
 
+mod program;
+
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::{Command, Output};
 use std::thread;
 
 use tempfile::TempDir;
 
+use program::host_sim;
+
 const TOML: &str = "bridge = \"girder50\"\ntrain = \"inspection-2dof\"\ncars = 1\nspeed_kmh = 60.0\nentry_time_s = 1.0\n\
                     load_factor = 1.0\nantialias_hz = 40.0\n[[channel]]\ncolumn = \"acc_node6_mps2\"\nnode = 6\nunit = \"m/s2\"\n";
-
-fn host_sim(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .expect("host-sim runs")
-}
 
 fn shipped(name: &str) -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings");

@@ -1,10 +1,13 @@
 //! The command line keeps its contract: flags, files, units and exit codes of the design's section 4.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use tempfile::TempDir;
+
+use program::host_sim;
 
 /// Agreement with the independent histories that is asked for, relative RMS. Both programs take the same step and modes,
 /// so what is left is rounding; the margin is for another scheme with another step error.
@@ -24,14 +27,6 @@ const PASSAGE: [&str; 9] = [
     "--speed-kmh",
     "60",
 ];
-
-fn host_sim(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .expect("host-sim runs")
-}
 
 fn folder() -> TempDir {
     TempDir::new().expect("a folder")

@@ -1,16 +1,19 @@
 //! The track: the curve that wheels roll on is the one through the table, slope and curvature are those of that curve, a
 //! generated track has the spectrum that it is named after, and a table that cannot be one is refused.
 
+mod program;
+
 use std::f64::consts::TAU;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 use host_sim::track::spectrum::Quantity;
 use host_sim::track::summary::{spacing_m, summary};
 use host_sim::track::{Profile, RAIL_DISTANCE_M, Rails, Spectrum, Stretch, generate, read, table};
 use spanwatch::train::track::{Irregularity, Motion, Track};
 use tempfile::TempDir;
+
+use program::host_sim;
 
 /// Rounding of values near one.
 const ROUNDING: f64 = 1e-12;
@@ -506,14 +509,6 @@ fn a_table_that_cannot_be_a_track_is_refused_with_a_sentence_that_says_what_to_m
     let absent = Path::new("no such folder/t.csv");
     let sentence = format!("{:#}", read(absent).expect_err("absent"));
     assert!(sentence.starts_with("cannot read no such folder/t.csv"), "{sentence}");
-}
-
-fn host_sim(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .expect("host-sim runs")
 }
 
 #[test]

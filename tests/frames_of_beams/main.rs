@@ -5,6 +5,8 @@ mod bad_files;
 mod closed_forms;
 mod damage;
 mod files;
+#[path = "../program.rs"]
+mod program;
 mod shipped;
 mod shown;
 mod statics;

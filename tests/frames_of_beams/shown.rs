@@ -1,18 +1,10 @@
 //! `host-sim model show` of a frame, and what is said where a frame cannot go.
 
 use std::fs;
-use std::path::Path;
-use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
-fn host_sim(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .expect("host-sim runs")
-}
+use super::program::host_sim;
 
 #[test]
 fn a_frame_is_shown_with_what_moves_in_each_mode_and_the_cost_of_condensation() {
