@@ -17,7 +17,7 @@ use crate::bridge::ReducedBridge;
 use crate::capacity::{CARS, CHANNELS, ELEMENTS};
 use crate::identify::hybrid::HIDDEN;
 use crate::identify::{Hybrid, Identification, Problem};
-use crate::interaction::simulation::Recorder;
+use crate::interaction::simulation::{Recorder, Sensor};
 use crate::interaction::{Direction, Observation, Run, Scheme, SetupError};
 use crate::math::level_db;
 use crate::passage::stream::BlockError;
@@ -25,7 +25,7 @@ use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::train::PlanarTrain;
 use crate::wire::message::{
-    Alert, Configuration, Event, Fit, PassageReport, Quality, Reason, Traffic, Trigger, Verdict,
+    Alert, Channel, Configuration, Event, Fit, PassageReport, Quality, Reason, Traffic, Trigger, Verdict,
 };
 
 /// Most solver steps in one slice of work, in which nothing else is done: a linearisation takes a step for each element and
@@ -102,7 +102,7 @@ impl Configuration {
         if !self
             .channels
             .iter()
-            .all(|c| ACCELERATIONS_MPS2.contains(&c.lsb_mps2) && c.full_scale_counts > 0)
+            .all(|c| ACCELERATIONS_MPS2.contains(&c.lsb) && c.full_scale_counts > 0)
         {
             return Err(ConfigurationError::Scale);
         }
@@ -152,11 +152,13 @@ impl Configuration {
         bridge: &ReducedBridge<f32>,
         first_sample: u64,
     ) -> Result<Observation<f32>, SetupError> {
-        let places: Option<Vec<usize, CHANNELS>> = self
-            .channels
-            .iter()
-            .map(|channel| bridge.sensor_at(channel.node))
-            .collect();
+        let sensor = |channel: &Channel| {
+            bridge.sensor_at(channel.node).map(|place| Sensor {
+                place,
+                quantity: channel.quantity,
+            })
+        };
+        let sensors: Option<Vec<Sensor, CHANNELS>> = self.channels.iter().map(sensor).collect();
         let first_s = first_sample as f64 / f64::from(self.sample_rate_hz);
         let train = PlanarTrain::of_kind(traffic.train, traffic.cars.into()).ok_or(SetupError::Cars)?;
         let run = Run {
@@ -170,9 +172,11 @@ impl Configuration {
             },
             ..Run::at(traffic.speed_mps)
         };
-        let places = places.ok_or(SetupError::NoSuchSensor)?;
-        let recorder = Recorder::new(places, self.sample_rate_hz, self.antialias_hz);
-        Observation::new(train, run, recorder, Scheme::Exact)
+        let sensors = sensors.ok_or(SetupError::NoSuchSensor)?;
+        let recorder = Recorder::new(sensors, self.sample_rate_hz, self.antialias_hz);
+        let mut observation = Observation::new(train, run, recorder, Scheme::Exact)?;
+        observation.ranges = traffic.ranges;
+        Ok(observation)
     }
 }
 

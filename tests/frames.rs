@@ -7,8 +7,8 @@ use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
     Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Configuration, Effort, Event, Fit, Health,
-    ModelChunk, Outcome, PassageReport, Quality, Request, Restart, SampleBlock, Status, Traffic, TrainKind, Trigger,
-    Verdict,
+    ModelChunk, Outcome, PassageReport, Quality, Quantity, Ranges, Request, Restart, SampleBlock, Status, Traffic,
+    TrainKind, Trigger, Verdict,
 };
 use spanwatch::wire::{CRC32C, Decoder, FrameBuffer, Kind};
 
@@ -30,7 +30,8 @@ fn alert() -> Event {
 fn requests() -> Vec<Request> {
     let channel = Channel {
         node: u16::MAX,
-        lsb_mps2: 1e-6,
+        quantity: Quantity::Acceleration,
+        lsb: 1e-6,
         full_scale_counts: i32::MAX,
     };
     vec![
@@ -47,6 +48,7 @@ fn requests() -> Vec<Request> {
                 speed_mps: 75.0,
                 entry_time_s: 1e9,
                 load_factor: 1.0,
+                ranges: Ranges::HELD,
             }),
             seed: u64::MAX,
         }),

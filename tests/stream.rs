@@ -3,7 +3,8 @@
 
 use spanwatch::logger::Logger;
 use spanwatch::wire::message::{
-    Channel, Configuration, Event, PassageReport, Quality, Reason, Traffic, TrainKind, Trigger, Verdict,
+    Channel, Configuration, Event, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, TrainKind, Trigger,
+    Verdict,
 };
 
 const RATE_HZ: usize = 200;
@@ -13,7 +14,8 @@ const LSB_MPS2: f32 = 1e-5;
 fn configuration(channels: usize) -> Configuration {
     let channel = Channel {
         node: 6,
-        lsb_mps2: LSB_MPS2,
+        quantity: Quantity::Acceleration,
+        lsb: LSB_MPS2,
         full_scale_counts: FULL_SCALE,
     };
     Configuration {
@@ -184,6 +186,7 @@ fn what_makes_no_sense_is_refused() {
             speed_mps: 20.0,
             entry_time_s: 1.0,
             load_factor: 1.0,
+            ranges: Ranges::HELD,
         });
         assert!(configuration.check().is_ok());
         change(&mut configuration);
@@ -192,7 +195,7 @@ fn what_makes_no_sense_is_refused() {
     assert!(refused(|c| c.sample_rate_hz = f32::NAN));
     assert!(refused(|c| c.sample_rate_hz = 0.0));
     assert!(refused(|c| c.channels.clear()));
-    assert!(refused(|c| c.channels[0].lsb_mps2 = -1.0));
+    assert!(refused(|c| c.channels[0].lsb = -1.0));
     assert!(refused(|c| c.channels[1].full_scale_counts = 0));
     assert!(refused(|c| c.trigger.window_s = 0.0));
     assert!(refused(|c| c.trigger.off_ratio = 5.0));

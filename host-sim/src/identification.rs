@@ -9,7 +9,7 @@ use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Problem};
-use spanwatch::interaction::simulation::Recorder;
+use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Observation, SetupError};
 use spanwatch::train::PlanarTrain;
 
@@ -182,15 +182,16 @@ impl Observed {
         };
         let cars = scenario.cars.unwrap_or(1);
         let train = PlanarTrain::of_kind(kind, cars).with_context(|| format!("there is no train of {cars} cars"))?;
-        let places = (scenario.nodes.iter())
+        let sensors = (scenario.nodes.iter())
             .map(|&node| {
-                bridge
-                    .sensor_at(node)
-                    .with_context(|| format!("the bridge has no node {node}"))
+                let place = bridge.sensor_at(node);
+                let place = place.with_context(|| format!("the bridge has no node {node}"))?;
+                let quantity = scenario.quantity;
+                Ok(Sensor { place, quantity })
             })
             .collect::<Result<_>>()?;
         let antialias_hz = scenario.antialias_hz.map(|hz| hz as f32);
-        let recorder = Recorder::new(places, scenario.sample_interval_s().recip() as f32, antialias_hz);
+        let recorder = Recorder::new(sensors, scenario.sample_interval_s().recip() as f32, antialias_hz);
         Ok(Self {
             bridge,
             observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
@@ -272,7 +273,7 @@ impl Observed {
     pub fn simulate(&self, damage: &Damage<f32>) -> Result<Vec<f32>> {
         let problem = self.problem();
         let mut simulation = problem.simulate(damage)?;
-        let channels = self.observation.recorder.places.len();
+        let channels = self.observation.recorder.sensors.len();
         let rows = problem.recorded().len();
         Ok((0..rows)
             .flat_map(|_| simulation.sample().into_iter().take(channels))

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{
-    Alert, BLOCK_COUNTS, Channel, Configuration, Event, PassageReport, Status, Traffic, Trigger,
+    Alert, BLOCK_COUNTS, Channel, Configuration, Event, PassageReport, Quantity, Ranges, Status, Traffic, Trigger,
 };
 
 use crate::recording::Recording;
@@ -110,11 +110,13 @@ fn configuration(recording: &Recording, seed: u64) -> Configuration {
             backward: recording.direction == Direction::Backward,
             entry_time_s: recording.entry_in_stream_s()?,
             load_factor: recording.load_factor.unwrap_or(1.0) as f32,
+            ranges: Ranges::HELD,
         })
     };
     let channel = |channel: &crate::recording::Channel| Channel {
         node: channel.node.unwrap_or(0),
-        lsb_mps2: channel.lsb_mps2,
+        quantity: Quantity::Acceleration,
+        lsb: channel.lsb_mps2,
         full_scale_counts: channel.full_scale_counts,
     };
     Configuration {

@@ -15,7 +15,7 @@ use spanwatch::interaction::{Direction, Kinematics, Run, Scheme};
 use spanwatch::math::Real;
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
 use spanwatch::train::track::Track;
-use spanwatch::wire::message::TrainKind;
+use spanwatch::wire::message::{Quantity, TrainKind};
 
 use crate::crossing::{Crossing, MAX_MODES};
 use crate::model::Structure;
@@ -32,15 +32,6 @@ pub const MAX_STEPS: f64 = 2e7;
 const REPORT_SAMPLES: usize = 1024;
 /// A duration that is a whole number of intervals but for this part of one ends there.
 const WHOLE: f64 = 1e-6;
-
-/// What is recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Quantity {
-    /// Acceleration, m/s², positive up.
-    Acceleration,
-    /// Displacement, mm, positive up.
-    Displacement,
-}
 
 /// Everything about a passage that is to be simulated.
 #[derive(Debug, Clone)]
@@ -245,7 +236,7 @@ impl Scenario {
 pub struct Passage {
     /// Time between samples, s; the first sample is at 0, the train enters at [`Scenario::lead_s`].
     pub interval_s: f64,
-    /// One list of values a node.
+    /// One list of values a node, m/s² (m).
     pub channels: Vec<Vec<f64>>,
 }
 
@@ -322,11 +313,7 @@ pub fn simulate_reporting(
         let is_sample = step % steps_per_sample as usize == 0;
         for ((row, filter_state), channel) in rows.iter().zip(&mut states).zip(&mut channels) {
             let value: f64 = row.iter().zip(modal).map(|(row, q)| row * q).sum();
-            let in_unit = match scenario.quantity {
-                Quantity::Acceleration => value,
-                Quantity::Displacement => 1e3 * value,
-            };
-            let filtered = filter.apply(filter_state, in_unit);
+            let filtered = filter.apply(filter_state, value);
             if is_sample {
                 channel.push(filtered);
             }

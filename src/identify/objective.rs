@@ -26,7 +26,8 @@ pub struct Problem<'a> {
 impl Problem<'_> {
     /// The recorded samples, one slice of channels each.
     pub fn recorded(&self) -> impl ExactSizeIterator<Item = &[f32]> {
-        self.samples.chunks_exact(self.observation.recorder.places.len().max(1))
+        self.samples
+            .chunks_exact(self.observation.recorder.sensors.len().max(1))
     }
 
     /// The simulated passage for a damage pattern: one forward solve, as an endless row of samples.

@@ -9,16 +9,26 @@ use crate::math::Real;
 use crate::recorder::{AntiAlias, AntiAliasState};
 use crate::train::PlanarTrain;
 use crate::train::track::Smooth;
+use crate::wire::message::{Quantity, Ranges};
 
 /// Longest step of the solver, s. With it the error in the recorder's band (40 Hz, 8 modes) is 0.1 % at most; twice the step
 /// leaves 0.7 to 1.3 % (docs/accuracy.md).
 pub const LONGEST_STEP_S: f64 = 2.5e-3;
 
+/// One sensor of a passage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sensor {
+    /// Sensor place of the bridge model.
+    pub place: usize,
+    /// What it measures.
+    pub quantity: Quantity,
+}
+
 /// Sensors and recorder of a passage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorder<T: Real> {
-    /// Sensor places of the bridge model, a channel each.
-    pub places: heapless::Vec<usize, CHANNELS>,
+    /// A channel each.
+    pub sensors: heapless::Vec<Sensor, CHANNELS>,
     /// Samples a second.
     pub sample_rate_hz: T,
     /// Steps of the solver from one sample to the next.
@@ -34,6 +44,8 @@ pub struct Observation<T: Real> {
     pub cars: TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>,
     /// How it runs; the entry time counts from the first sample.
     pub run: Run<T>,
+    /// How far off the run may be.
+    pub ranges: Ranges,
     /// Sensors and recorder.
     pub recorder: Recorder<T>,
     /// The recorder's filter at the solver's step.
@@ -42,11 +54,11 @@ pub struct Observation<T: Real> {
 
 impl<T: Real> Recorder<T> {
     /// A recorder, with as many steps of the solver a sample as [`LONGEST_STEP_S`] asks for.
-    pub fn new(places: heapless::Vec<usize, CHANNELS>, sample_rate_hz: T, antialias_hz: Option<T>) -> Self {
+    pub fn new(sensors: heapless::Vec<Sensor, CHANNELS>, sample_rate_hz: T, antialias_hz: Option<T>) -> Self {
         // Adding almost one before the cast rounds up; a rate of exactly 400 Hz needs one step.
         let steps: f64 = (sample_rate_hz * T::of(LONGEST_STEP_S)).recip().into();
         Self {
-            places,
+            sensors,
             sample_rate_hz,
             steps_per_sample: (steps + 0.999) as u32,
             antialias_hz,
@@ -64,6 +76,7 @@ impl<T: Real> Observation<T> {
         Ok(Self {
             cars: TrainSteps::new(train, scheme, step_s)?,
             run,
+            ranges: Ranges::HELD,
             filter: AntiAlias::new(recorder.antialias_hz, step_s),
             recorder,
         })
@@ -87,10 +100,11 @@ impl<'a, T: Real, const M: usize> Simulation<'a, T, M> {
         observed: &'a Observation<T>,
     ) -> Result<Self, SetupError> {
         let recorder = &observed.recorder;
-        if recorder.places.iter().any(|&place| place >= bridge.sensor_count) {
+        if (recorder.sensors.iter()).any(|sensor| sensor.place >= bridge.sensor_count) {
             return Err(SetupError::NoSuchSensor);
         }
-        let modal = ModalBridge::new(bridge, damage, &recorder.places);
+        let places: heapless::Vec<usize, CHANNELS> = recorder.sensors.iter().map(|sensor| sensor.place).collect();
+        let modal = ModalBridge::new(bridge, damage, &places);
         Ok(Self {
             interaction: PlanarInteraction::new(modal, Smooth, &observed.cars, observed.run)?,
             observed,
@@ -99,16 +113,19 @@ impl<'a, T: Real, const M: usize> Simulation<'a, T, M> {
         })
     }
 
-    /// The next sample of all channels, m/s²; the first is that of time 0.
+    /// The next sample of all channels, m/s² (m); the first is that of time 0.
     pub fn sample(&mut self) -> [T; CHANNELS] {
         let mut sample = [T::zero(); CHANNELS];
         if self.started {
             let recorder = &self.observed.recorder;
             for _ in 0..recorder.steps_per_sample {
                 self.interaction.step();
-                let channels = sample.iter_mut().zip(&mut self.states).take(recorder.places.len());
-                for (channel, (value, state)) in channels.enumerate() {
-                    let raw = self.interaction.acceleration_mps2(channel);
+                let channels = recorder.sensors.iter().zip(sample.iter_mut().zip(&mut self.states));
+                for (channel, (sensor, (value, state))) in channels.enumerate() {
+                    let raw = match sensor.quantity {
+                        Quantity::Acceleration => self.interaction.acceleration_mps2(channel),
+                        Quantity::Displacement => self.interaction.displacement_m(channel),
+                    };
                     *value = self.observed.filter.apply(state, raw);
                 }
             }

@@ -58,7 +58,7 @@ impl Conditioner {
         if self.repeats >= stuck_run {
             return Err(Fault::Stuck);
         }
-        Ok(counts as f32 * channel.lsb_mps2)
+        Ok(counts as f32 * channel.lsb)
     }
 
     /// A sample that never came.
@@ -75,7 +75,8 @@ mod tests {
 
     const CHANNEL: Channel = Channel {
         node: 6,
-        lsb_mps2: 0.5,
+        quantity: crate::wire::message::Quantity::Acceleration,
+        lsb: 0.5,
         full_scale_counts: 100,
     };
 

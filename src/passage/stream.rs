@@ -190,7 +190,7 @@ impl Stream {
                     fault.count(&mut faults);
                     if fault == Fault::Saturated {
                         // It moves at least so much.
-                        *level = channel.full_scale_counts as f32 * channel.lsb_mps2;
+                        *level = channel.full_scale_counts as f32 * channel.lsb;
                     }
                 }
             }

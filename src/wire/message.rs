@@ -12,7 +12,7 @@ use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -69,13 +69,26 @@ pub struct Configuration {
     pub seed: u64,
 }
 
-/// One accelerometer.
+/// What a sensor measures.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Quantity {
+    /// Acceleration, m/s², positive up.
+    #[default]
+    Acceleration,
+    /// Displacement, m, positive up.
+    Displacement,
+}
+
+/// One sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Channel {
     /// Bridge node it sits at, from 1; 0 where there is no bridge model.
     pub node: u16,
-    /// Acceleration of one count, m/s².
-    pub lsb_mps2: f32,
+    /// What it measures.
+    pub quantity: Quantity,
+    /// What one count stands for, in the quantity's unit.
+    pub lsb: f32,
     /// Counts at or beyond ± this are saturated.
     pub full_scale_counts: i32,
 }
@@ -133,6 +146,32 @@ pub struct Traffic {
     pub entry_time_s: f64,
     /// Scales the static wheel loads.
     pub load_factor: f32,
+    /// How far off these values may be.
+    pub ranges: Ranges,
+}
+
+/// How far a passage may be off what is expected of it. Each is half the width of the range in which the search begins, and then
+/// the standard deviation of a Gaussian prior; 0: the expected value is known and held.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Ranges {
+    /// Speed, as a part of the expected one.
+    pub speed: f32,
+    /// Entry time, s.
+    pub entry_s: f32,
+    /// Load factor, as a part of the expected one.
+    pub load: f32,
+    /// Stiffness of the whole bridge, as a part of the model's.
+    pub stiffness: f32,
+}
+
+impl Ranges {
+    /// All is known.
+    pub const HELD: Self = Self {
+        speed: 0.0,
+        entry_s: 0.0,
+        load: 0.0,
+        stiffness: 0.0,
+    };
 }
 
 /// The trains a logger knows.

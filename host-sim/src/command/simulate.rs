@@ -7,11 +7,12 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use host_sim::model::{self, BridgeFrame, Structure};
 use host_sim::recording::{Channel, Recording, Run, Unit, description_path};
-use host_sim::simulate::{Quantity, Scenario, simulate_reporting};
+use host_sim::simulate::{Scenario, simulate_reporting};
 use host_sim::train::TrainName;
 use host_sim::{output, terminal, track};
 use spanwatch::capacity::CARS;
 use spanwatch::interaction::{Direction, Kinematics, Scheme};
+use spanwatch::wire::message::Quantity;
 
 /// Modes of a girder where nobody says how many.
 const GIRDER_MODES: usize = 8;

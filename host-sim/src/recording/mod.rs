@@ -70,9 +70,10 @@ impl Unit {
     /// What one of it is in the unit of [`Channel::values`].
     pub fn factor(self) -> f64 {
         match self {
-            Self::MetrePerSecondSquared | Self::Millimetre => 1.0,
+            Self::MetrePerSecondSquared => 1.0,
             Self::StandardGravity => GRAVITY_MPS2,
             Self::Gal => 0.01,
+            Self::Millimetre => 1e-3,
         }
     }
 }
@@ -90,7 +91,7 @@ pub struct Channel {
     pub lsb_mps2: f32,
     /// Counts at or beyond ± this are saturated.
     pub full_scale_counts: i32,
-    /// One value a row, m/s² (mm in a column of displacement).
+    /// One value a row, m/s² (m in a column of displacement).
     pub values: Vec<f64>,
 }
 

@@ -14,11 +14,11 @@ use std::fmt::Write as _;
 use anyhow::{Context, Result};
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::capacity::MODES;
-use spanwatch::interaction::simulation::Recorder;
+use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Observation, Run, Scheme, Simulation};
 use spanwatch::math::Real;
 use spanwatch::train::PlanarTrain;
-use spanwatch::wire::message::TrainKind;
+use spanwatch::wire::message::{Quantity, TrainKind};
 
 use super::relative_rms;
 use crate::model::{self, reduce::reduce};
@@ -91,8 +91,10 @@ pub fn rows() -> Result<Vec<Row>> {
     for (bridge, nodes) in BRIDGES {
         let wide = reduce(&model::shipped(bridge)?)?;
         let narrow = model::from_blob(&model::to_blob(&wide)?)?;
-        let places: heapless::Vec<usize, 3> = (nodes.iter())
+        let quantity = Quantity::Acceleration;
+        let sensors: heapless::Vec<Sensor, 3> = (nodes.iter())
             .map(|node| wide.sensor_node.iter().position(|number| number == node))
+            .map(|place| place.map(|place| Sensor { place, quantity }))
             .collect::<Option<_>>()
             .context("a sensor at each node")?;
         for (kind, train) in TRAINS {
@@ -106,8 +108,8 @@ pub fn rows() -> Result<Vec<Row>> {
                             speed_kmh,
                             damaged,
                         };
-                        let exact = case.signal(&wide, &places)?;
-                        let relative = relative_rms(&case.signal(&narrow, &places)?, &exact);
+                        let exact = case.signal(&wide, &sensors)?;
+                        let relative = relative_rms(&case.signal(&narrow, &sensors)?, &exact);
                         *difference = Difference {
                             relative,
                             rms_mps2: relative * rms(&exact),
@@ -135,7 +137,7 @@ struct Case {
 
 impl Case {
     /// What the logger's simulation makes of the case, a list a channel.
-    fn signal<T: Real>(&self, bridge: &ReducedBridge<T>, places: &heapless::Vec<usize, 3>) -> Result<Vec<Vec<f64>>> {
+    fn signal<T: Real>(&self, bridge: &ReducedBridge<T>, sensors: &heapless::Vec<Sensor, 3>) -> Result<Vec<Vec<f64>>> {
         let train = PlanarTrain::<T>::of_kind(self.kind, self.cars).context("a train of 1 to 16 cars")?;
         let speed_mps = self.speed_kmh / 3.6;
         let way_m: f64 = (bridge.path.length_m() + train.length_m()).into();
@@ -144,14 +146,14 @@ impl Case {
             entry_time_s: T::of(LEAD_S),
             ..Run::at(T::of(speed_mps))
         };
-        let recorder = Recorder::new(places.clone(), T::of(RATE_HZ), Some(T::of(ANTIALIAS_HZ)));
+        let recorder = Recorder::new(sensors.clone(), T::of(RATE_HZ), Some(T::of(ANTIALIAS_HZ)));
         let observed = Observation::new(train, run, recorder, Scheme::Exact)?;
         let mut damage: Damage<T> = [T::zero(); _];
         for (element, loss) in DAMAGED.into_iter().filter(|_| self.damaged) {
             damage[element - 1] = T::of(loss);
         }
         let mut simulation = Simulation::<T, MODES>::new(bridge, &damage, &observed)?;
-        let mut channels = vec![Vec::with_capacity(samples); places.len()];
+        let mut channels = vec![Vec::with_capacity(samples); sensors.len()];
         for _ in 0..samples {
             for (channel, value) in channels.iter_mut().zip(simulation.sample()) {
                 channel.push(value.into());
