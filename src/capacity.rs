@@ -12,6 +12,8 @@ pub const MODES: usize = 8;
 pub const PATH_NODES: usize = ELEMENTS + 1;
 /// Places of the bridge at which a sensor can sit.
 pub const SENSOR_PLACES: usize = PATH_NODES;
+/// Unknowns of an identification: the elements' losses, stiffness of the whole bridge, speed, entry time, load.
+pub const UNKNOWNS: usize = ELEMENTS + 4;
 /// Channels of a logger.
 pub const CHANNELS: usize = 3;
 /// Cars of a train.

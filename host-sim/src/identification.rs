@@ -276,7 +276,7 @@ impl Observed {
         let channels = self.observation.recorder.sensors.len();
         let rows = problem.recorded().len();
         Ok((0..rows)
-            .flat_map(|_| simulation.sample().into_iter().take(channels))
+            .flat_map(|_| simulation.sample(&self.observation).into_iter().take(channels))
             .collect())
     }
 }

@@ -106,7 +106,7 @@ fn passage(kind: TrainKind, board: &mut Board) -> [Count; CARS_ON_BRIDGE + 1] {
         }
         let start = board.ticks();
         for _ in 0..steps {
-            solver.step();
+            solver.step(&cars);
         }
         let ticks = board.ticks().saturating_sub(start);
         if let Some(count) = counts.get_mut(now) {

@@ -30,7 +30,7 @@ use crate::capacity::{BASIS, ELEMENTS, FACTORS, PATH_NODES, SENSOR_PLACES};
 use crate::math::Real;
 
 pub use blob::BlobError;
-pub use modes::ModalBridge;
+pub use modes::{Eigenmodes, ModalBridge};
 
 /// Largest loss of stiffness that a damage pattern may hold.
 pub const MAX_DAMAGE: f64 = 0.7;

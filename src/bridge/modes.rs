@@ -11,8 +11,8 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::{Damage, ReducedBridge};
-use crate::capacity::{BASIS, CHANNELS, PATH_NODES};
-use crate::math::Real;
+use crate::capacity::{BASIS, CHANNELS, FACTORS, PATH_NODES};
+use crate::math::{Real, entries};
 
 /// Sweeps after which the rotation stops in any case; convergence is quadratic and takes about 6.
 const MAX_SWEEPS: usize = 15;
@@ -36,33 +36,128 @@ pub struct ModalBridge<T: Real, const M: usize> {
     pub sensors: [SVector<T, M>; CHANNELS],
 }
 
-impl<T: Real, const M: usize> ModalBridge<T, M> {
-    /// The modes of `bridge` with `damage`, observed at the sensor places `places` (at most [`CHANNELS`]).
-    pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>, places: &[usize]) -> Self {
-        let (eigenvalues, vectors) = eigen(stiffness(bridge, damage), bridge.basis.min(BASIS));
+/// All modes of the bridge with one damage pattern, in the model's basis.
+#[derive(Debug, Clone)]
+pub struct Eigenmodes<T: Real> {
+    eigenvalues: SVector<T, BASIS>,
+    /// A mode each column.
+    vectors: SMatrix<T, BASIS, BASIS>,
+    /// Columns by ascending eigenvalue.
+    order: [usize; BASIS],
+    count: usize,
+}
+
+/// A shape `g_f` of [`Eigenmodes::remainders`], s kg^-1/2.
+#[derive(Debug, Clone, Copy)]
+pub struct Remainder<T: Real> {
+    /// Displacement and slope of each path node.
+    pub path: [[T; 2]; PATH_NODES],
+    /// Displacement at each observed sensor.
+    pub sensors: [T; CHANNELS],
+}
+
+impl<T: Real> Remainder<T> {
+    fn none() -> Self {
+        Self {
+            path: [[T::zero(); 2]; PATH_NODES],
+            sensors: [T::zero(); CHANNELS],
+        }
+    }
+}
+
+impl<T: Real> Eigenmodes<T> {
+    /// The modes of `bridge` with `damage`.
+    pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> Self {
+        let count = bridge.basis.min(BASIS);
+        let (eigenvalues, vectors) = eigen(stiffness(bridge, damage), count);
         let mut order: [usize; BASIS] = core::array::from_fn(|i| i);
-        order[..bridge.basis.min(BASIS)].sort_unstable_by(|&a, &b| {
+        order[..count].sort_unstable_by(|&a, &b| {
             eigenvalues[a]
                 .partial_cmp(&eigenvalues[b])
                 .unwrap_or(core::cmp::Ordering::Equal)
         });
+        Self {
+            eigenvalues,
+            vectors,
+            order,
+            count,
+        }
+    }
 
-        let available = M.min(bridge.basis);
+    /// Squared circular frequencies of the lowest `M` modes, rad²/s². A mode that does not exist gets the first one's.
+    fn omega_squared<const M: usize>(&self) -> SVector<T, M> {
+        SVector::from_fn(|k, _| self.eigenvalues[self.order[if k < self.count { k } else { 0 }]])
+    }
+
+    /// What the lowest `M` modes have of a vector in the model's basis.
+    fn components<const M: usize>(&self, column: &SVector<T, BASIS>) -> SVector<T, M> {
+        SVector::from_fn(|k, _| {
+            if k < self.count {
+                self.vectors.column(self.order[k]).dot(column)
+            } else {
+                T::zero()
+            }
+        })
+    }
+
+    /// How the modes beyond the lowest `m` bend where an element goes soft, per factor: with `u_f` of [`Self::shares`] a loss of
+    /// `d d_e` turns the shape `phi_k` by `sum_f u_fk g_f d d_e`,
+    ///
+    /// ```text
+    /// g_f = sum_(j > m) phi_j u_fj / lambda_j                      (lambda_j - lambda_k, lambda_k left out)
+    /// ```
+    ///
+    /// Displacement and slope of `g_f` at each node of the path, and its displacement at the sensor places `places`.
+    pub fn remainders(&self, bridge: &ReducedBridge<T>, m: usize, places: &[usize]) -> [Remainder<T>; FACTORS] {
+        let root = bridge.lambda.map(|value| value.sqrt());
+        core::array::from_fn(|f| {
+            let mut remainder = Remainder::none();
+            if f >= bridge.factor_count {
+                return remainder;
+            }
+            let factor = bridge.factors.column(f).component_mul(&root);
+            let mut vector = SVector::<T, BASIS>::zeros();
+            for &column in self.order.iter().take(self.count).skip(m) {
+                let mode = self.vectors.column(column);
+                vector.axpy(mode.dot(&factor) / self.eigenvalues[column], &mode, T::one());
+            }
+            for (i, node) in remainder.path.iter_mut().enumerate() {
+                *node = [&bridge.path.displacement, &bridge.path.slope].map(|nodes| nodes.column(i).dot(&vector));
+            }
+            for (value, &place) in remainder.sensors.iter_mut().zip(places) {
+                *value = bridge.sensors.column(place).dot(&vector);
+            }
+            remainder
+        })
+    }
+
+    /// Each element's share of the stiffness in the lowest `M` modes, as the model's factors have it:
+    /// `d (modal stiffness) / d d_e = -sum_f u_f u_f^T` over the factors `f` of element `e`; kg^1/2-normalised, rad/s.
+    pub fn shares<const M: usize>(&self, bridge: &ReducedBridge<T>) -> [[T; M]; FACTORS] {
+        let root = bridge.lambda.map(|value| value.sqrt());
+        core::array::from_fn(|f| {
+            if f < bridge.factor_count {
+                *entries(&self.components(&bridge.factors.column(f).component_mul(&root)))
+            } else {
+                [T::zero(); M]
+            }
+        })
+    }
+}
+
+impl<T: Real, const M: usize> ModalBridge<T, M> {
+    /// The modes of `bridge` with `damage`, observed at the sensor places `places` (at most [`CHANNELS`]).
+    pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>, places: &[usize]) -> Self {
+        Self::of(&Eigenmodes::new(bridge, damage), bridge, T::one(), places)
+    }
+
+    /// The lowest of these modes, the stiffness of the whole bridge scaled by `stiffness`: its damping follows, its shapes stay.
+    pub fn of(modes: &Eigenmodes<T>, bridge: &ReducedBridge<T>, stiffness: T, places: &[usize]) -> Self {
         let [p1, p2] = bridge.rayleigh;
-        // A mode that does not exist gets the first one's frequency and no shape.
-        let omega_squared = SVector::from_fn(|k, _| eigenvalues[order[if k < available { k } else { 0 }]]);
-        let in_modes = |column: SVector<T, BASIS>| {
-            SVector::<T, M>::from_fn(|k, _| {
-                if k < available {
-                    vectors.column(order[k]).dot(&column)
-                } else {
-                    T::zero()
-                }
-            })
-        };
+        let omega_squared = modes.omega_squared() * stiffness;
         let mut sensors = [SVector::zeros(); CHANNELS];
         for (row, &place) in sensors.iter_mut().zip(places) {
-            *row = in_modes(bridge.sensors.column(place).into_owned());
+            *row = modes.components(&bridge.sensors.column(place).into_owned());
         }
         Self {
             omega_squared,
@@ -70,10 +165,8 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
             position_m: bridge.path.position_m,
             nodes: bridge.path.nodes,
             path: core::array::from_fn(|i| {
-                [
-                    in_modes(bridge.path.displacement.column(i).into_owned()),
-                    in_modes(bridge.path.slope.column(i).into_owned()),
-                ]
+                [&bridge.path.displacement, &bridge.path.slope]
+                    .map(|node| modes.components(&node.column(i).into_owned()))
             }),
             sensors,
         }
@@ -91,6 +184,32 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
             }
         }
         self
+    }
+
+    /// The span between two path nodes, from 0, that `x_m` lies in, the part of it before `x_m` and its length; beyond an end, that
+    /// end. None if there is no span.
+    pub fn span(&self, x_m: T) -> Option<(usize, T, T)> {
+        let nodes = self.position_m.get(..self.nodes).filter(|nodes| nodes.len() >= 2)?;
+        // The last element whose beginning has been reached: found at once where they are equal, by a few steps elsewhere.
+        let last = nodes.len() - 2;
+        let mut span = (x_m / (nodes[1] - nodes[0])).whole().min(last);
+        while span > 0 && nodes[span] > x_m {
+            span -= 1;
+        }
+        while span < last && nodes[span + 1] <= x_m {
+            span += 1;
+        }
+        let &[a, b] = nodes.get(span..span + 2)?.first_chunk::<2>()?;
+        let length = b - a;
+        let part = (x_m - a) / length;
+        let part = if part < T::zero() {
+            T::zero()
+        } else if part > T::one() {
+            T::one()
+        } else {
+            part
+        };
+        Some((span, part, length))
     }
 
     /// Length of the path, m.

@@ -6,7 +6,7 @@
 
 use crate::bridge::{Damage, ReducedBridge};
 use crate::capacity::{CHANNELS, MODES};
-use crate::interaction::{Observation, SetupError, Simulation};
+use crate::interaction::{Hypothesis, Observation, SetupError, Simulation};
 
 /// Lags of the residuals' correlation that are looked at: a second at 200 Hz, in which the free vibration of a bridge loses a
 /// third.
@@ -31,8 +31,12 @@ impl Problem<'_> {
     }
 
     /// The simulated passage for a damage pattern: one forward solve, as an endless row of samples.
-    pub fn simulate(&self, damage: &Damage<f32>) -> Result<Simulation<'_, f32, MODES>, SetupError> {
-        Simulation::new(self.bridge, damage, self.observation)
+    pub fn simulate(&self, damage: &Damage<f32>) -> Result<Simulation<f32, MODES>, SetupError> {
+        let hypothesis = Hypothesis {
+            damage: *damage,
+            ..self.observation.expected()
+        };
+        Simulation::new(self.bridge, &hypothesis, self.observation)
     }
 
     // Not inlined, as the next: their frames must not stand on the stack under the refinement's.
@@ -42,7 +46,7 @@ impl Problem<'_> {
         let mut simulation = self.simulate(damage)?;
         let mut sum = 0.0;
         for recorded in self.recorded() {
-            for (f, simulated) in recorded.iter().zip(simulation.sample()) {
+            for (f, simulated) in recorded.iter().zip(simulation.sample(self.observation)) {
                 // A simulation that is not a number, though, must not pass for a perfect one.
                 if !f.is_nan() {
                     sum += (f - simulated) * (f - simulated);
@@ -70,7 +74,11 @@ impl Problem<'_> {
         let mut products = [0.0_f32; LAGS];
         let mut squares = 0.0;
         for recorded in self.recorded() {
-            for ((f, simulated), latest) in recorded.iter().zip(simulation.sample()).zip(&mut latest) {
+            for ((f, simulated), latest) in recorded
+                .iter()
+                .zip(simulation.sample(self.observation))
+                .zip(&mut latest)
+            {
                 let residual = if f.is_nan() { 0.0 } else { f - simulated };
                 squares += residual * residual;
                 for (product, earlier) in products.iter_mut().zip(latest.iter()) {

@@ -247,10 +247,14 @@ fn normal_equations(problem: &Problem<'_>, at: &Vector) -> Result<Normal, SetupE
         jtr: Vector::zeros(),
     };
     for recorded in problem.recorded() {
-        let simulated = base.sample();
+        let simulated = base.sample(problem.observation);
         let mut rows = [Vector::zeros(); CHANNELS];
         for (element, neighbour) in neighbours.iter_mut().enumerate() {
-            for ((row, value), centre) in rows.iter_mut().zip(neighbour.sample()).zip(simulated) {
+            for ((row, value), centre) in rows
+                .iter_mut()
+                .zip(neighbour.sample(problem.observation))
+                .zip(simulated)
+            {
                 row[element] = (value - centre) / differences[element];
             }
         }

@@ -53,7 +53,7 @@ pub struct CarSteps<T: Real, const D: usize, const C: usize> {
     /// `r` of each contact.
     response: [[T; D]; C],
     /// `Z`.
-    impedance: [[T; C]; C],
+    pub(super) impedance: [[T; C]; C],
     /// Distance from the first wheelset to the last, m.
     pub(super) length_m: T,
     h: T,

@@ -57,33 +57,11 @@ impl<T: Real, const M: usize> Modes<T, M> for ModalBridge<T, M> {
     }
 
     fn shape(&self, motion: Motion, order: u8, x_m: T) -> [T; M] {
-        let nodes = self.position_m.get(..self.nodes).unwrap_or_default();
-        if motion != Motion::Vertical || nodes.len() < 2 {
-            return [T::zero(); M];
-        }
-        // The last element whose beginning has been reached: found at once where they are equal, by a few steps elsewhere.
-        let last = nodes.len() - 2;
-        let mut span = (x_m / (nodes[1] - nodes[0])).whole().min(last);
-        while span > 0 && nodes[span] > x_m {
-            span -= 1;
-        }
-        while span < last && nodes[span + 1] <= x_m {
-            span += 1;
-        }
-        let (Some(&[a, b]), Some([left, right])) = (
-            nodes.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
-            self.path.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()),
-        ) else {
+        let Some((span, part, length)) = self.span(x_m).filter(|_| motion == Motion::Vertical) else {
             return [T::zero(); M];
         };
-        let length = b - a;
-        let part = (x_m - a) / length;
-        let part = if part < T::zero() {
-            T::zero()
-        } else if part > T::one() {
-            T::one()
-        } else {
-            part
+        let Some([left, right]) = self.path.get(span..span + 2).and_then(|ends| ends.first_chunk::<2>()) else {
+            return [T::zero(); M];
         };
         let [w1, s1, w2, s2] = hermite(order, part, length);
         let [[left, left_slope], [right, right_slope]] =

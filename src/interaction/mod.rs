@@ -15,17 +15,19 @@
 //! matrices that are computed once; what is left each step is one dense, symmetric `m x m` system for the bridge.
 //!
 //! [`run`] says how a train runs, [`scheme`] how time is stepped, [`contact`] what a bridge is, [`car`] steps a car, [`solver`] all
-//! of it; [`simulation`] is what a recorder would show.
+//! of it; [`simulation`] is what a recorder would show, [`sensitivity`] how that changes with damage, speed, entry and load.
 
 pub mod car;
 pub mod contact;
 pub mod run;
 pub mod scheme;
+pub mod sensitivity;
 pub mod simulation;
 pub mod solver;
 
 pub use contact::Modes;
 pub use run::{Direction, Kinematics, Run, SetupError};
 pub use scheme::Scheme;
-pub use simulation::{Observation, Simulation};
+pub use sensitivity::Sensitivities;
+pub use simulation::{Hypothesis, Observation, Simulation};
 pub use solver::{Interaction, PlanarInteraction, TrainSteps};

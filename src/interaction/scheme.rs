@@ -146,6 +146,16 @@ pub fn corner<T: Real>(s: T) -> T {
     (T::of(14.0) * cubed(s) - cubed(s + one) - cubed(s - one)) / T::of(72.0) - hat(s) / T::of(12.0)
 }
 
+/// Slope of [`corner`], continued from above at 0, as the slope of `max(s, 0)` is there.
+pub fn corner_slope<T: Real>(s: T) -> T {
+    let one = T::one();
+    let hat = |s: T| (one - s.abs()).max(T::zero());
+    let side = |s: T| if s < T::zero() { one } else { -one };
+    let cubed_slope = |s: T| T::of(3.0) * side(s) * hat(s) * hat(s);
+    let hat_slope = if s.abs() < one { side(s) } else { T::zero() };
+    (T::of(14.0) * cubed_slope(s) - cubed_slope(s + one) - cubed_slope(s - one)) / T::of(72.0) - hat_slope / T::of(12.0)
+}
+
 /// Steps' way from a corner within which it is rounded.
 pub const CORNER_STEPS: f64 = 2.0;
 

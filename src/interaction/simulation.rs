@@ -3,8 +3,8 @@
 use super::run::{Run, SetupError};
 use super::scheme::Scheme;
 use super::solver::{PlanarInteraction, TrainSteps};
-use crate::bridge::{Damage, ModalBridge, ReducedBridge};
-use crate::capacity::{CAR_DOFS, CAR_KINDS, CHANNELS, CONTACTS};
+use crate::bridge::{Damage, Eigenmodes, ModalBridge, ReducedBridge};
+use crate::capacity::{CAR_DOFS, CAR_KINDS, CHANNELS, CONTACTS, ELEMENTS};
 use crate::math::Real;
 use crate::recorder::{AntiAlias, AntiAliasState};
 use crate::train::PlanarTrain;
@@ -49,7 +49,7 @@ pub struct Observation<T: Real> {
     /// Sensors and recorder.
     pub recorder: Recorder<T>,
     /// The recorder's filter at the solver's step.
-    filter: AntiAlias<T>,
+    pub(super) filter: AntiAlias<T>,
 }
 
 impl<T: Real> Recorder<T> {
@@ -67,6 +67,20 @@ impl<T: Real> Recorder<T> {
 }
 
 impl<T: Real> Observation<T> {
+    /// Sensor place of each channel.
+    pub(super) fn places(&self) -> heapless::Vec<usize, CHANNELS> {
+        self.recorder.sensors.iter().map(|sensor| sensor.place).collect()
+    }
+
+    /// The healthy bridge, and the train as it is expected.
+    pub fn expected(&self) -> Hypothesis<T> {
+        Hypothesis {
+            damage: [T::zero(); ELEMENTS],
+            stiffness: T::one(),
+            run: self.run,
+        }
+    }
+
     /// An observation of `train`, stepped by `scheme`.
     ///
     /// # Errors
@@ -83,54 +97,92 @@ impl<T: Real> Observation<T> {
     }
 }
 
+/// What is taken for true in a simulation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hypothesis<T: Real> {
+    /// Fraction of stiffness lost by each element.
+    pub damage: Damage<T>,
+    /// Stiffness of the whole bridge, as a part of the model's.
+    pub stiffness: T,
+    /// How the train runs.
+    pub run: Run<T>,
+}
+
 /// An interaction behind the recorder's chain: an endless row of samples.
 #[derive(Debug, Clone)]
-pub struct Simulation<'a, T: Real, const M: usize> {
-    interaction: PlanarInteraction<'a, T, M>,
-    observed: &'a Observation<T>,
+pub struct Simulation<T: Real, const M: usize> {
+    pub(super) interaction: PlanarInteraction<T, M>,
     states: [AntiAliasState<T>; CHANNELS],
     started: bool,
 }
 
-impl<'a, T: Real, const M: usize> Simulation<'a, T, M> {
-    /// The simulation of `bridge` with `damage` under what is `observed`.
+impl<T: Real, const M: usize> Simulation<T, M> {
+    /// The simulation of `bridge` by a hypothesis, under what is `observed`.
     pub fn new(
         bridge: &ReducedBridge<T>,
-        damage: &Damage<T>,
-        observed: &'a Observation<T>,
+        hypothesis: &Hypothesis<T>,
+        observed: &Observation<T>,
     ) -> Result<Self, SetupError> {
-        let recorder = &observed.recorder;
-        if (recorder.sensors.iter()).any(|sensor| sensor.place >= bridge.sensor_count) {
+        Self::of(
+            &Eigenmodes::new(bridge, &hypothesis.damage),
+            bridge,
+            hypothesis,
+            observed,
+        )
+    }
+
+    /// The same, with the modes of the hypothesis's damage.
+    pub(super) fn of(
+        modes: &Eigenmodes<T>,
+        bridge: &ReducedBridge<T>,
+        hypothesis: &Hypothesis<T>,
+        observed: &Observation<T>,
+    ) -> Result<Self, SetupError> {
+        let sensors = &observed.recorder.sensors;
+        if sensors.iter().any(|sensor| sensor.place >= bridge.sensor_count) {
             return Err(SetupError::NoSuchSensor);
         }
-        let places: heapless::Vec<usize, CHANNELS> = recorder.sensors.iter().map(|sensor| sensor.place).collect();
-        let modal = ModalBridge::new(bridge, damage, &places);
+        if !(hypothesis.stiffness > T::zero() && hypothesis.stiffness.is_finite()) {
+            return Err(SetupError::NotFinite);
+        }
+        let modal = ModalBridge::of(modes, bridge, hypothesis.stiffness, &observed.places());
         Ok(Self {
-            interaction: PlanarInteraction::new(modal, Smooth, &observed.cars, observed.run)?,
-            observed,
+            interaction: PlanarInteraction::new(modal, Smooth, &observed.cars, hypothesis.run)?,
             states: [AntiAliasState::default(); CHANNELS],
             started: false,
         })
     }
 
     /// The next sample of all channels, m/s² (m); the first is that of time 0.
-    pub fn sample(&mut self) -> [T; CHANNELS] {
+    pub fn sample(&mut self, observed: &Observation<T>) -> [T; CHANNELS] {
         let mut sample = [T::zero(); CHANNELS];
-        if self.started {
-            let recorder = &self.observed.recorder;
-            for _ in 0..recorder.steps_per_sample {
-                self.interaction.step();
-                let channels = recorder.sensors.iter().zip(sample.iter_mut().zip(&mut self.states));
-                for (channel, (sensor, (value, state))) in channels.enumerate() {
-                    let raw = match sensor.quantity {
-                        Quantity::Acceleration => self.interaction.acceleration_mps2(channel),
-                        Quantity::Displacement => self.interaction.displacement_m(channel),
-                    };
-                    *value = self.observed.filter.apply(state, raw);
-                }
+        if self.start() {
+            for _ in 0..observed.recorder.steps_per_sample {
+                self.interaction.step(&observed.cars);
+                self.record(observed, &mut sample);
             }
         }
-        self.started = true;
         sample
+    }
+
+    /// Whether the first sample, that of rest, has been given; from then on it has.
+    pub(super) fn start(&mut self) -> bool {
+        core::mem::replace(&mut self.started, true)
+    }
+
+    /// Hands the state after a step to the recorder.
+    pub(super) fn record(&mut self, observed: &Observation<T>, sample: &mut [T; CHANNELS]) {
+        let channels = observed
+            .recorder
+            .sensors
+            .iter()
+            .zip(sample.iter_mut().zip(&mut self.states));
+        for (channel, (sensor, (value, state))) in channels.enumerate() {
+            let raw = match sensor.quantity {
+                Quantity::Acceleration => self.interaction.acceleration_mps2(channel),
+                Quantity::Displacement => self.interaction.displacement_m(channel),
+            };
+            *value = observed.filter.apply(state, raw);
+        }
     }
 }

@@ -73,6 +73,18 @@ impl<T: Real, const D: usize, const C: usize, const K: usize> TrainSteps<T, D, C
         self.step_s
     }
 
+    /// The cars from number `first` on, with their numbers.
+    pub(super) fn from(&self, first: usize) -> impl Iterator<Item = (usize, Aboard<'_, T, D, C>)> {
+        let kind = |place: &Place<T>| self.train.kinds.get(place.kind).zip(self.kinds.get(place.kind));
+        (self.train.cars.iter().enumerate().skip(first))
+            .filter_map(move |(index, place)| kind(place).map(|(car, steps)| (index, (place, car, steps))))
+    }
+
+    /// The cars of these numbers.
+    pub(super) fn among(&self, cars: Range<usize>) -> impl Iterator<Item = (usize, Aboard<'_, T, D, C>)> {
+        self.from(cars.start).take(cars.len())
+    }
+
     /// Whether more than `room` cars are on a bridge of `length_m` at once, `way_m` before and behind it included.
     fn crowds(&self, room: usize, length_m: T, way_m: T) -> bool {
         let cars = &self.train.cars;
@@ -83,6 +95,9 @@ impl<T: Real, const D: usize, const C: usize, const K: usize> TrainSteps<T, D, C
         })
     }
 }
+
+/// A car: where it is in the train, what it is, its steps.
+pub(super) type Aboard<'a, T, const D: usize, const C: usize> = (&'a Place<T>, &'a Car<T, D, C>, &'a CarSteps<T, D, C>);
 
 /// The bridge with one damage pattern and a train running over it.
 ///
@@ -118,7 +133,7 @@ impl<T: Real, const D: usize, const C: usize, const K: usize> TrainSteps<T, D, C
 /// let mut solver = PlanarInteraction::new(bridge.clone(), Smooth, &cars, Run::at(2.0))?;
 /// let mut lowest_m = 0.0_f64;
 /// for _ in 0..34_000 {
-///     solver.step();
+///     solver.step(&cars);
 ///     lowest_m = lowest_m.min(solver.displacement_m(0));
 /// }
 /// // Its two loads at 8.75 m before and behind mid-span.
@@ -131,24 +146,21 @@ impl<T: Real, const D: usize, const C: usize, const K: usize> TrainSteps<T, D, C
 /// # Ok::<(), SetupError>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct Interaction<'a, T: Real, B, R, const M: usize, const D: usize, const C: usize, const A: usize> {
-    bridge: B,
+pub struct Interaction<T: Real, B, R, const M: usize, const D: usize, const C: usize, const A: usize> {
+    pub(super) bridge: B,
     track: R,
-    kinds: &'a [Car<T, D, C>],
-    kind_steps: &'a [CarSteps<T, D, C>],
-    places: &'a [Place<T>],
-    run: Run<T>,
-    step_s: T,
-    steps: u32,
-    modes: ModeSteps<T, M>,
-    contact_beta_h2: T,
+    pub(super) run: Run<T>,
+    pub(super) step_s: T,
+    pub(super) steps: u32,
+    pub(super) modes: ModeSteps<T, M>,
+    pub(super) contact_beta_h2: T,
     /// Length of the bridge, m.
-    length_m: T,
+    pub(super) length_m: T,
     /// Distance from an end of the bridge within which its shapes are rounded, m for each m/s.
-    corner_s: T,
-    position: SVector<T, M>,
-    velocity: SVector<T, M>,
-    acceleration: SVector<T, M>,
+    pub(super) corner_s: T,
+    pub(super) position: SVector<T, M>,
+    pub(super) velocity: SVector<T, M>,
+    pub(super) acceleration: SVector<T, M>,
     /// States of the cars that touch the bridge, car `c` at place `c % A`.
     cars: [CarState<T, D>; A],
     /// Cars that have reached the bridge so far, and those of them that have left it.
@@ -157,8 +169,7 @@ pub struct Interaction<'a, T: Real, B, R, const M: usize, const D: usize, const 
 }
 
 /// The interaction as the logger has it: vertical motion on a girder with a smooth track.
-pub type PlanarInteraction<'a, T, const M: usize> = Interaction<
-    'a,
+pub type PlanarInteraction<T, const M: usize> = Interaction<
     T,
     ModalBridge<T, M>,
     Smooth,
@@ -168,10 +179,62 @@ pub type PlanarInteraction<'a, T, const M: usize> = Interaction<
     { crate::capacity::CARS_ON_BRIDGE },
 >;
 
-/// What one car adds to a step of the bridge: the shapes under its contacts.
+/// A rounded corner of the shapes, at an end of the bridge.
+pub(super) struct Rounded<T> {
+    /// The end, in the bridge's coordinate, m.
+    pub end: T,
+    /// Distance inwards from it, in steps' ways.
+    pub steps: T,
+    /// What is added to a shape, per slope of it at the end, m.
+    pub rise_m: T,
+}
+
+/// The shapes under a car's contacts.
 type Shapes<T, const M: usize, const C: usize> = [[T; M]; C];
 
-impl<'a, T, B, R, const M: usize, const D: usize, const C: usize, const A: usize> Interaction<'a, T, B, R, M, D, C, A>
+/// What couples cars and bridge in one step. Slot `s` belongs to the `s`-th car of those aboard.
+#[derive(Debug, Clone)]
+pub(super) struct Coupling<T: Real, const M: usize, const C: usize, const A: usize> {
+    /// The bridge's matrix with the cars eliminated: its upper triangle, a row each; after the step, its triangular factor.
+    /// With no car aboard only its diagonal counts, and is not factorised.
+    pub matrix: [[T; M]; M],
+    /// Shapes under the contacts, zero where they are not on the bridge.
+    pub shapes: [Shapes<T, M, C>; A],
+    /// Forces of the contacts on the bridge, but for what its acceleration in this step does to them, N.
+    pub loads: [[T; C]; A],
+    /// Contacts of each car that are on the bridge.
+    pub on: [Range<usize>; A],
+    /// Cars that touch the bridge.
+    pub aboard: Range<usize>,
+    /// Cars that had reached the bridge before this step.
+    pub entered: usize,
+    /// Where the train is.
+    pub now: TrainPosition<T>,
+    /// The bridge's position as the contacts feel it before its acceleration is known, and its velocity.
+    pub felt: SVector<T, M>,
+    pub felt_rate: SVector<T, M>,
+}
+
+impl<T: Real, const M: usize, const C: usize, const A: usize> Coupling<T, M, C, A> {
+    pub fn none() -> Self {
+        Self {
+            matrix: [[T::zero(); M]; M],
+            shapes: [[[T::zero(); M]; C]; A],
+            loads: [[T::zero(); C]; A],
+            on: core::array::from_fn(|_| 0..0),
+            aboard: 0..0,
+            entered: 0,
+            now: TrainPosition {
+                way_m: T::zero(),
+                speed_mps: T::zero(),
+            },
+            felt: SVector::zeros(),
+            felt_rate: SVector::zeros(),
+        }
+    }
+}
+
+impl<T, B, R, const M: usize, const D: usize, const C: usize, const A: usize> Interaction<T, B, R, M, D, C, A>
 where
     T: Real,
     B: Modes<T, M>,
@@ -186,7 +249,7 @@ where
     pub fn new<const K: usize>(
         bridge: B,
         track: R,
-        cars: &'a TrainSteps<T, D, C, K>,
+        cars: &TrainSteps<T, D, C, K>,
         run: Run<T>,
     ) -> Result<Self, SetupError> {
         let positive = |value: T| value > T::zero() && value.is_finite();
@@ -214,9 +277,6 @@ where
             contact_beta_h2: cars.scheme.contact_beta::<T>() * h * h,
             bridge,
             track,
-            kinds: &cars.train.kinds,
-            kind_steps: &cars.kinds,
-            places: &cars.train.cars,
             run,
             step_s: h,
             steps: 0,
@@ -257,8 +317,18 @@ where
         self.cars.get(index % A).filter(|_| kept)
     }
 
-    /// Advances by one step.
-    pub fn step(&mut self) {
+    /// Advances by one step. `cars` are those that the interaction began with.
+    pub fn step<const K: usize>(&mut self, cars: &TrainSteps<T, D, C, K>) {
+        self.step_coupled(cars, &mut Coupling::none());
+    }
+
+    /// Advances by one step, and leaves in `coupling` what a sensitivity needs to follow it.
+    #[inline(always)]
+    pub(super) fn step_coupled<const K: usize>(
+        &mut self,
+        cars: &TrainSteps<T, D, C, K>,
+        coupling: &mut Coupling<T, M, C, A>,
+    ) {
         self.steps += 1;
         let h = self.step_s;
         let half_h = T::of(0.5) * h;
@@ -266,64 +336,66 @@ where
 
         // The bridge, predicted: as the contacts feel it, and as its modes go.
         let drift = self.position + self.velocity * h;
-        let felt = drift + self.acceleration * (half_h2 - self.contact_beta_h2);
+        coupling.felt = drift + self.acceleration * (half_h2 - self.contact_beta_h2);
         self.position = drift
             + self
                 .acceleration
                 .zip_map(&self.modes.beta_h2, |a, beta_h2| a * (half_h2 - beta_h2));
         self.velocity += self.acceleration * half_h;
+        coupling.felt_rate = self.velocity;
         let omega_squared = self.bridge.omega_squared();
         let mut force: [T; M] =
             core::array::from_fn(|k| -(self.modes.damping[k] * self.velocity[k] + omega_squared[k] * self.position[k]));
-        // The upper triangle, a row each.
-        let mut matrix = [[T::zero(); M]; M];
-        for (k, row) in matrix.iter_mut().enumerate() {
+        for (k, row) in coupling.matrix.iter_mut().enumerate() {
             row[k] = self.modes.effective[k];
         }
 
         // The cars on it: predicted, and eliminated.
         let now = self.run.after(self.steps as i32, h);
         let corner_m = self.corner_s * now.speed_mps;
-        let mut shapes: [Shapes<T, M, C>; A] = [[[T::zero(); M]; C]; A];
-        let (kinds, places) = (self.kinds, self.places);
-        let mut aboard = self.left..self.left;
-        for (index, place) in places.iter().enumerate().skip(self.left) {
+        coupling.now = now;
+        coupling.aboard = self.left..self.left;
+        coupling.entered = self.entered;
+        for (index, (place, car, steps)) in cars.from(self.left) {
             let front = now.way_m - place.behind_m;
             if front < -corner_m {
                 break;
             }
-            let (Some(car), Some(steps)) = (kinds.get(place.kind), self.kind_steps.get(place.kind)) else {
-                continue;
-            };
             // Until its last contact has left: on a bridge shorter than the car, the body swings on while none touches.
             if front - steps.length_m > self.length_m + corner_m {
-                if aboard.is_empty() {
+                if coupling.aboard.is_empty() {
                     self.left = index + 1;
-                    aboard = self.left..self.left;
+                    coupling.aboard = self.left..self.left;
                 }
                 continue;
             }
             if index >= self.entered {
-                self.cars[index % A] = self.approach(place);
+                self.cars[index % A] = self.approach(place, car, steps);
                 self.entered = index + 1;
             }
-            aboard.end = index + 1;
-            let Some(shapes) = shapes.get_mut(index - aboard.start) else {
+            let slot = index - coupling.aboard.start;
+            coupling.aboard.end = index + 1;
+            let (Some(shapes), Some(loads), Some(on)) = (
+                coupling.shapes.get_mut(slot),
+                coupling.loads.get_mut(slot),
+                coupling.on.get_mut(slot),
+            ) else {
                 break;
             };
-            let (loads, on) = self.couple(index, car, front, now.speed_mps, &felt, shapes);
-            for (shape, &load) in shapes.iter().zip(&loads).take(on.end).skip(on.start) {
+            let felt = [&coupling.felt, &coupling.felt_rate];
+            *on = self.couple(index, car, steps, front, now.speed_mps, felt, shapes, loads);
+            for (shape, &load) in shapes.iter().zip(loads.iter()).take(on.end).skip(on.start) {
                 add_scaled(&mut force, load, shape);
             }
-            steps.burden(on, shapes, &mut matrix);
+            steps.burden(on.clone(), shapes, &mut coupling.matrix);
         }
 
-        if aboard.is_empty() {
+        if coupling.aboard.is_empty() {
             for (force, &effective) in force.iter_mut().zip(self.modes.effective.iter()) {
                 *force /= effective;
             }
         } else {
-            solve(&mut matrix, &mut force);
+            eliminate(&mut coupling.matrix, &mut force);
         }
         self.acceleration = SVector::from(force);
         for (position, (&a, &beta_h2)) in
@@ -333,11 +405,7 @@ where
         }
         self.velocity += self.acceleration * half_h;
 
-        for (shapes, index) in shapes.iter().zip(aboard) {
-            let Some(place) = places.get(index) else { continue };
-            let (Some(car), Some(steps)) = (kinds.get(place.kind), self.kind_steps.get(place.kind)) else {
-                continue;
-            };
+        for (shapes, (index, (_, car, steps))) in coupling.shapes.iter().zip(cars.among(coupling.aboard.clone())) {
             let mut w = [T::zero(); C];
             for (w, shape) in w.iter_mut().zip(shapes).take(car.contacts.len()) {
                 *w = dot(shape, &force);
@@ -346,20 +414,26 @@ where
         }
     }
 
-    /// Predicts a car whose front is `front` m from the end that it enters by. Fills in the shapes under its contacts, zero where
-    /// they are not on the bridge, and gives their forces on it and which of them are.
+    /// Predicts a car whose front is `front` m from the end that it enters by, with the bridge's predicted position and velocity
+    /// as the contacts feel them. Fills in the shapes under its contacts, zero where they are not on the bridge, and their forces
+    /// on it; gives which of them are.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a bundle of them would be copied at every car and step"
+    )]
     fn couple(
         &mut self,
         index: usize,
         car: &Car<T, D, C>,
+        steps: &CarSteps<T, D, C>,
         front: T,
         speed: T,
-        felt: &SVector<T, M>,
+        [felt, felt_rate]: [&SVector<T, M>; 2],
         shapes: &mut Shapes<T, M, C>,
-    ) -> ([T; C], Range<usize>) {
+        loads: &mut [T; C],
+    ) -> Range<usize> {
         let mut on = 0..0;
         let mut leads = [Lead::still(); C];
-        let mut loads = [T::zero(); C];
         let corner_m = self.corner_s * speed;
         for (i, ((contact, shape), lead)) in car.contacts.iter().zip(shapes.iter_mut()).zip(&mut leads).enumerate() {
             let way = front - contact.behind_m;
@@ -371,38 +445,48 @@ where
             on = if on.is_empty() { i } else { on.start }..i + 1;
             *shape = self.shape(contact, way, speed);
             lead.place += dot(shape, entries(felt));
-            lead.rate += dot(shape, entries(&self.velocity));
+            lead.rate += dot(shape, entries(felt_rate));
             if self.run.kinematics == Kinematics::Convective {
                 self.roll_over(contact, way, speed, felt, lead);
             }
         }
-        if let Some(steps) = self.places.get(index).and_then(|place| self.kind_steps.get(place.kind)) {
-            steps.predict(car, &mut self.cars[index % A], &leads, &mut loads);
-        }
+        steps.predict(car, &mut self.cars[index % A], &leads, loads);
         for (load, contact) in loads.iter_mut().zip(&car.contacts) {
             *load -= self.run.load_factor * contact.load_n;
         }
-        (loads, on)
+        on
     }
 
     /// The shape under a contact `way` m from the end that the train enters by.
     fn shape(&self, contact: &Contact<T, D>, way: T, speed: T) -> [T; M] {
         let mut shape = self.bridge.shape(contact.motion, 0, self.along(way));
-        let corner_m = self.corner_s * speed;
+        if let Some(rounded) = self.rounded(way, speed) {
+            let slope = self.bridge.shape(contact.motion, 1, rounded.end);
+            add_scaled(&mut shape, rounded.rise_m, &slope);
+        }
+        shape
+    }
+
+    /// The corner that rounds the shapes at `way` m from the end that the train enters by, if there is one.
+    pub(super) fn rounded(&self, way: T, speed: T) -> Option<Rounded<T>> {
         let to_go = self.length_m - way;
         let (from_end, end) = if way < to_go {
             (way, T::zero())
         } else {
             (to_go, self.length_m)
         };
-        if from_end < corner_m {
-            let step_m = speed * self.step_s;
-            let end = self.along(end);
-            let inward = if end == T::zero() { T::one() } else { -T::one() };
-            let slope = self.bridge.shape(contact.motion, 1, end);
-            add_scaled(&mut shape, inward * step_m * corner(from_end / step_m), &slope);
+        if from_end >= self.corner_s * speed {
+            return None;
         }
-        shape
+        let step_m = speed * self.step_s;
+        let steps = from_end / step_m;
+        let end = self.along(end);
+        let inward = if end == T::zero() { T::one() } else { -T::one() };
+        Some(Rounded {
+            end,
+            steps,
+            rise_m: inward * step_m * corner(steps),
+        })
     }
 
     /// What the deflected rail's slope and curve do to a wheel that rolls over it, from the state as it is predicted.
@@ -434,13 +518,9 @@ where
     }
 
     /// State of a car that has just reached the bridge, after its approach over the irregular track.
-    fn approach(&self, place: &Place<T>) -> CarState<T, D> {
+    fn approach(&self, place: &Place<T>, car: &Car<T, D, C>, steps: &CarSteps<T, D, C>) -> CarState<T, D> {
         let mut state = CarState::at_rest();
-        let (Some(begin), Some(car), Some(steps)) = (
-            self.first_way(),
-            self.kinds.get(place.kind),
-            self.kind_steps.get(place.kind),
-        ) else {
+        let Some(begin) = self.first_way() else {
             return state;
         };
         let Some(start_s) = self.run.time_at_s(begin + place.behind_m) else {
@@ -469,7 +549,7 @@ where
     }
 
     /// From the distance to the end that the train enters by to the bridge's coordinate.
-    fn along(&self, way: T) -> T {
+    pub(super) fn along(&self, way: T) -> T {
         match self.run.direction {
             Direction::Forward => way,
             Direction::Backward => self.length_m - way,
@@ -477,7 +557,7 @@ where
     }
 
     /// A speed or acceleration of the train in the bridge's coordinate.
-    fn signed(&self, speed: T) -> T {
+    pub(super) fn signed(&self, speed: T) -> T {
         match self.run.direction {
             Direction::Forward => speed,
             Direction::Backward => -speed,
@@ -486,7 +566,7 @@ where
 }
 
 impl<T, R, const M: usize, const D: usize, const C: usize, const A: usize>
-    Interaction<'_, T, ModalBridge<T, M>, R, M, D, C, A>
+    Interaction<T, ModalBridge<T, M>, R, M, D, C, A>
 where
     T: Real,
 {
@@ -504,14 +584,14 @@ where
 /// Modes up to which a row is short.
 const SHORT_ROW: usize = 16;
 
-/// Solves `matrix x = rhs` in place, `matrix` symmetric, positive and given by its upper triangle, by elimination.
+/// Solves `matrix x = rhs` in place, `matrix` symmetric, positive and given by its upper triangle, by elimination. Leaves the
+/// triangular factor in `matrix`, the inverse of each pivot in its place, for [`substitute`].
 ///
 /// Short rows are worked on whole, though half of each is not needed: loops of fixed length become straight code.
-fn solve<T: Real, const M: usize>(matrix: &mut [[T; M]; M], rhs: &mut [T; M]) {
+fn eliminate<T: Real, const M: usize>(matrix: &mut [[T; M]; M], rhs: &mut [T; M]) {
     for p in 0..M {
         let pivot = matrix[p];
         let inverse = pivot[p].recip();
-        // The pivot's place keeps its inverse.
         matrix[p][p] = inverse;
         let above = rhs[p];
         for r in p + 1..M {
@@ -526,11 +606,26 @@ fn solve<T: Real, const M: usize>(matrix: &mut [[T; M]; M], rhs: &mut [T; M]) {
             rhs[r] -= factor * above;
         }
     }
+    back_substitute(matrix, rhs);
+}
+
+/// Solves for another right-hand side with what [`eliminate`] left in `factor`.
+pub(super) fn substitute<T: Real, const M: usize>(factor: &[[T; M]; M], rhs: &mut [T; M]) {
+    for p in 0..M {
+        let above = rhs[p] * factor[p][p];
+        for r in p + 1..M {
+            rhs[r] -= factor[p][r] * above;
+        }
+    }
+    back_substitute(factor, rhs);
+}
+
+fn back_substitute<T: Real, const M: usize>(factor: &[[T; M]; M], rhs: &mut [T; M]) {
     for p in (0..M).rev() {
         let mut value = rhs[p];
         for c in p + 1..M {
-            value -= matrix[p][c] * rhs[c];
+            value -= factor[p][c] * rhs[c];
         }
-        rhs[p] = value * matrix[p][p];
+        rhs[p] = value * factor[p][p];
     }
 }

@@ -102,7 +102,7 @@ pub fn history_by<T: Real, const M: usize>(
         acceleration: vec![],
     };
     for _ in 0..steps {
-        solver.step();
+        solver.step(&cars);
         history
             .displacement
             .push([0, 1, 2].map(|c| solver.displacement_m(c).into()));

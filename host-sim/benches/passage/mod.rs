@@ -62,8 +62,9 @@ pub fn cars<T: Real>(traffic: Traffic, scheme: Scheme, step_s: f64) -> TrainStep
 
 /// A passage that begins again when the train has left.
 pub struct Endless<'a, T: Real> {
-    start: PlanarInteraction<'a, T, MODES>,
-    now: PlanarInteraction<'a, T, MODES>,
+    cars: &'a TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>,
+    start: PlanarInteraction<T, MODES>,
+    now: PlanarInteraction<T, MODES>,
     /// Steps of a passage.
     pub steps: u32,
     done: u32,
@@ -75,6 +76,7 @@ impl<'a, T: Real> Endless<'a, T> {
         let start = PlanarInteraction::new(girder(), Smooth, cars, run).expect("can be solved");
         let step_s: f64 = cars.step_s().into();
         Self {
+            cars,
             now: start.clone(),
             start,
             steps: (traffic.on_bridge_s() / step_s) as u32,
@@ -88,7 +90,7 @@ impl<'a, T: Real> Endless<'a, T> {
             self.now.clone_from(&self.start);
             self.done = 0;
         }
-        self.now.step();
+        self.now.step(self.cars);
         self.done += 1;
         self.now.displacement_m(0)
     }

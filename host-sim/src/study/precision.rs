@@ -12,7 +12,7 @@
 use std::fmt::Write as _;
 
 use anyhow::{Context, Result};
-use spanwatch::bridge::{Damage, ReducedBridge};
+use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::MODES;
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Observation, Run, Scheme, Simulation};
@@ -148,14 +148,14 @@ impl Case {
         };
         let recorder = Recorder::new(sensors.clone(), T::of(RATE_HZ), Some(T::of(ANTIALIAS_HZ)));
         let observed = Observation::new(train, run, recorder, Scheme::Exact)?;
-        let mut damage: Damage<T> = [T::zero(); _];
+        let mut hypothesis = observed.expected();
         for (element, loss) in DAMAGED.into_iter().filter(|_| self.damaged) {
-            damage[element - 1] = T::of(loss);
+            hypothesis.damage[element - 1] = T::of(loss);
         }
-        let mut simulation = Simulation::<T, MODES>::new(bridge, &damage, &observed)?;
+        let mut simulation = Simulation::<T, MODES>::new(bridge, &hypothesis, &observed)?;
         let mut channels = vec![Vec::with_capacity(samples); sensors.len()];
         for _ in 0..samples {
-            for (channel, value) in channels.iter_mut().zip(simulation.sample()) {
+            for (channel, value) in channels.iter_mut().zip(simulation.sample(&observed)) {
                 channel.push(value.into());
             }
         }

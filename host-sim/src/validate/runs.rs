@@ -152,7 +152,7 @@ fn in_space() -> Result<Row> {
     let mut interaction = PlanarInteraction::new(modal, Smooth, &cars, Run::at(SPEED_MPS))?;
     let expected: Vec<f64> = (0..STEPS)
         .map(|_| {
-            interaction.step();
+            interaction.step(&cars);
             interaction.acceleration_mps2(0)
         })
         .collect();
