@@ -13,6 +13,7 @@ use super::micro_ga::MicroGa;
 use super::objective::Problem;
 use super::refine::{Refinement, Stop};
 
+pub use super::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS};
 use crate::bridge::Damage;
 use crate::capacity::ELEMENTS;
 use crate::interaction::SetupError;
@@ -25,11 +26,6 @@ pub const BASIN_BUDGET: u32 = 40;
 /// If what the refinement finds does not explain the recording, the genetic search begins again, up to so many rounds in all.
 const ROUNDS: u32 = 2;
 
-/// An element is damaged beyond doubt if its damage exceeds this, a change worth an inspection, ...
-pub const ALARM_DAMAGE: f32 = 0.05;
-/// ... and this many standard deviations. With ten elements and 200 trains a day, Gaussian errors would exceed it by
-/// chance once in five years.
-pub const ALARM_DEVIATIONS: f32 = 5.0;
 /// Part of the recording's mean square that may remain unexplained; beyond it, the model is not of this passage.
 pub const UNEXPLAINED: f32 = 0.1;
 /// A loss that a passage can hide and is still said to be healthy; if it can hide more, nothing is decided.

@@ -7,11 +7,15 @@
 //! uncertainty; [`hybrid`] puts the small search and the refinement together, and is what the logger runs.
 
 pub mod code;
+pub mod estimate;
+pub mod evidence;
 pub mod hybrid;
+pub mod interval;
 pub mod micro_ga;
 pub mod objective;
 pub mod paper_ga;
 mod population;
+pub mod quadratic;
 mod random;
 pub mod refine;
 

@@ -1,0 +1,417 @@
+//! What all passages together say of the bridge, in constant memory.
+//!
+//! Independent passages add: the sum of their informations ([`Information`]) is the least-squares solution of all of
+//! them at once. Two sums are kept, a *recent* and a *long* memory, and no passage is twice in them: what the recent one
+//! forgets the long one learns.
+//!
+//! ```text
+//! recent <- recent - q recent + passage        q = 1 - exp(-1 / N_recent)
+//! long   <- long - p long + q recent           p = 1 - exp(-1 / N_long)
+//! all    =  long + recent
+//! ```
+//!
+//! In equilibrium `all` weighs `N_long + N_recent` passages. A slow loss is followed with the lag
+//! `(N_recent^2 + N_long (N_long + N_recent)) / (N_long + N_recent)` passages, the mean age of what is remembered.
+//!
+//! **Sudden changes.** If the recent memory contradicts the long one beyond doubt, the bridge that the long one knows is
+//! no more: it is emptied, the recent one stands alone ([`Change::Sudden`]), and the long one learns again once the recent one
+//! has forgotten the old bridge (three `N_recent`, 5 % left). Until then the estimate still mixes a part of the old bridge in.
+//! What counts as contradiction: with `R`, `L` the matrices of the two memories, `x` their joint estimate and
+//! `r = b_R - R x = -(b_L - L x)`,
+//!
+//! ```text
+//! chi^2 = (x_R - x_L)^T (R^-1 + L^-1)^-1 (x_R - x_L) = r^T R^-1 r + r^T L^-1 r
+//! ```
+//!
+//! Without a change it is at most as large as a chi-square of as many degrees of freedom as there are elements: a passage
+//! of covariance `A^-1` in the memories with the weights `u` and `v` adds, seen along any direction `c` with `y = R^-1 c`,
+//! `z = L^-1 c`, the variance `(u y - v z)^T A (u y - v z) <= (u^2 + u v) y^T A y + (v^2 + u v) z^T A z`, and `u + v <= 1` makes this
+//! at most its share of `c^T (R^-1 + L^-1) c`. Beyond `k + 2 (k t)^1/2 + 2 t` a chi-square of `k` degrees lies with a probability below
+//! `exp(-t)` (Laurent and Massart, Annals of Statistics 28, 2000, Lemma 1). `t = ln(200 * 365 * 1000)`: at 200 passages a day, one
+//! false alarm in more than a thousand years, provided that the passages' covariances are true. For ten elements the limit is 73.
+//!
+//! **Strangers.** A passage that contradicts all before it by the same measure (another train than was believed, a sensor
+//! knocked) is told as [`Change::Outlier`] and kept aside. If the next one contradicts as well and agrees with it, the two are
+//! the new beginning: [`Change::Sudden`]. Else it is forgotten. Two equal strangers in a row are therefore believed; and
+//! if the passages' covariances are too small by far, none agrees with any other and nothing is learned any more. The caller
+//! sees both, in the changes that are told.
+//!
+//! **Precision.** The sums are `f32`: each addition rounds by `6e-8` of the sum at most, so a memory of `N` passages is off by `3e-8 N`
+//! at the very worst and `3e-8 N^1/2` as a rule. With some 1e7 passages nothing that never forgets still learns.
+//!
+//! **Bytes.** As the bridge's model ([`crate::bridge::blob`]):
+//!
+//! ```text
+//! "SWEV" | format version u8 | CRC-32C of the bridge's blob u32 | postcard of Layout | CRC-32C of all before     little endian
+//! ```
+//!
+//! The passage that is kept aside is not in them; it comes back as never seen.
+//!
+//! Cost: 1.4 kB; 547 bytes written; about 3 kB of stack and ten factors of the matrix a passage.
+
+use core::fmt;
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use super::estimate::{Estimate, Information};
+use crate::capacity::ELEMENTS;
+use crate::math::{self, Real};
+use crate::wire::CRC32C;
+
+/// Version of the layout; a reader accepts its own only.
+pub const FORMAT_VERSION: u8 = 1;
+/// Bytes of an [`Evidence`] as written by [`Evidence::to_bytes`].
+pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 2 * (2 + 4 * PACKED) + 3 * 4 + CRC_BYTES;
+const MAGIC: [u8; 4] = *b"SWEV";
+const HEAD_BYTES: usize = MAGIC.len() + 1 + 4;
+const CRC_BYTES: usize = 4;
+/// Numbers of an information: a triangle and a vector.
+const PACKED: usize = ELEMENTS * (ELEMENTS + 1) / 2 + ELEMENTS;
+/// `ln(200 * 365 * 1000)`: passages in a thousand years, of which one may be a false alarm.
+const FALSE_ALARM: f32 = 18.106;
+/// The long memory learns again when the recent one is so many times its own length away from the change.
+const SETTLING: f32 = 3.0;
+/// Shortest memory, passages.
+const SHORTEST: f32 = 1.0;
+
+/// Why an evidence was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum EvidenceError {
+    /// A memory is shorter than a passage, or the recent one not shorter than the long one.
+    Forgetting,
+    /// Cut off, or bytes too many.
+    Length,
+    /// The first bytes are not those of an evidence.
+    NotEvidence,
+    /// Another version of the format.
+    Version {
+        /// The version found.
+        found: u8,
+    },
+    /// It is about another bridge, or another model of it.
+    Bridge,
+    /// The checksum does not fit: the bytes were changed.
+    Checksum,
+    /// The numbers are no sum of passages.
+    Contents,
+}
+
+impl fmt::Display for EvidenceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Forgetting => f.write_str(
+                "a memory must be one passage at least (0: never forget), the recent one shorter than the long one",
+            ),
+            Self::Length => f.write_str("the evidence is cut off or too long; begin anew"),
+            Self::NotEvidence => f.write_str("these bytes are not an evidence; begin anew"),
+            Self::Version { found } => write!(
+                f,
+                "the evidence has format version {found}, this program reads version {FORMAT_VERSION}; begin anew"
+            ),
+            Self::Bridge => f.write_str(
+                "the evidence is about another bridge or another model of it; load that model or begin anew",
+            ),
+            Self::Checksum => {
+                f.write_str("the evidence's checksum is wrong: bytes were changed; use an older copy or begin anew")
+            }
+            Self::Contents => f.write_str("the evidence is not believable; use an older copy or begin anew"),
+        }
+    }
+}
+
+impl core::error::Error for EvidenceError {}
+
+/// How fast the memories fade.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Forgetting {
+    long: f32,
+    recent: f32,
+}
+
+impl Forgetting {
+    /// Nothing is forgotten, and no change noticed but one that two passages in a row show.
+    pub const NEVER: Self = Self { long: 0.0, recent: 0.0 };
+
+    /// Memories that fade by `exp(-1)` in so many passages; 0 or infinity: never. The recent one must be the shorter.
+    pub const fn new(long: f32, recent: f32) -> Result<Self, EvidenceError> {
+        let long_never = long == 0.0 || long == f32::INFINITY;
+        let recent_never = recent == 0.0 || recent == f32::INFINITY;
+        let sound = match (long_never, recent_never) {
+            (true, true) => true,
+            (true, false) => recent >= SHORTEST,
+            (false, true) => false,
+            (false, false) => recent >= SHORTEST && recent < long,
+        };
+        if sound {
+            Ok(Self { long, recent })
+        } else {
+            Err(EvidenceError::Forgetting)
+        }
+    }
+
+    /// Passages in which the long memory fades.
+    pub const fn long(&self) -> f32 {
+        self.long
+    }
+
+    /// Passages in which the recent memory fades.
+    pub const fn recent(&self) -> f32 {
+        self.recent
+    }
+}
+
+/// Part of a memory of so many passages that goes with each.
+fn share(passages: f32) -> f32 {
+    if passages > 0.0 {
+        -(-1.0 / passages).exp_m1_exact()
+    } else {
+        0.0
+    }
+}
+
+/// What a passage changed in what is believed of the bridge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Change {
+    /// It agrees with those before.
+    None,
+    /// It contradicts those before, and is kept aside until a second one agrees.
+    Outlier,
+    /// The bridge has changed: what was known before is given up.
+    Sudden,
+    /// It is no information (not finite, not positive semidefinite, or empty), and was left out.
+    Unusable,
+}
+
+/// A sum of passages.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Memory {
+    information: Information,
+    /// Effective number of passages.
+    passages: f32,
+}
+
+impl Memory {
+    const EMPTY: Self = Self {
+        information: Information::ZERO,
+        passages: 0.0,
+    };
+
+    /// `to += share from; from -= share from`.
+    fn pass(&mut self, share: f32, to: Option<&mut Self>) {
+        let Some(to) = to else {
+            return self.each(|value| *value -= share * *value);
+        };
+        let matrices = (self.information.matrix.iter_mut()).zip(to.information.matrix.iter_mut());
+        let vectors = (self.information.vector.iter_mut()).zip(to.information.vector.iter_mut());
+        let counts = core::iter::once((&mut self.passages, &mut to.passages));
+        for (from, to) in matrices.chain(vectors).chain(counts) {
+            let moved = share * *from;
+            *from -= moved;
+            *to += moved;
+        }
+    }
+
+    fn each(&mut self, mut change: impl FnMut(&mut f32)) {
+        self.information.matrix.iter_mut().for_each(&mut change);
+        self.information.vector.iter_mut().for_each(&mut change);
+        change(&mut self.passages);
+    }
+
+    fn learn(&mut self, passage: &Information) {
+        self.information = self.information.plus(passage);
+        self.passages += 1.0;
+    }
+}
+
+/// What all passages say of a bridge.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evidence {
+    forgetting: Forgetting,
+    long: Memory,
+    recent: Memory,
+    /// Passages until the long memory learns again.
+    settling: f32,
+    /// The last passage, if it contradicted all before it.
+    stranger: Option<Information>,
+}
+
+impl Evidence {
+    /// No passage yet.
+    pub const fn new(forgetting: Forgetting) -> Self {
+        Self {
+            forgetting,
+            long: Memory::EMPTY,
+            recent: Memory::EMPTY,
+            settling: 0.0,
+            stranger: None,
+        }
+    }
+
+    /// Takes what one passage says. It must be independent of those before, and its covariance true.
+    pub fn add(&mut self, passage: &Information) -> Change {
+        let passage = &passage.mirrored();
+        if !passage.is_information() || !passage.known().contains(&true) {
+            return Change::Unusable;
+        }
+        if contradict(passage, &self.information()) {
+            let again = self.stranger.filter(|stranger| !contradict(passage, stranger));
+            let Some(first) = again else {
+                self.stranger = Some(*passage);
+                return Change::Outlier;
+            };
+            *self = Self::new(self.forgetting);
+            self.recent.learn(&first);
+            self.recent.learn(passage);
+            return Change::Sudden;
+        }
+        self.stranger = None;
+        self.long.pass(share(self.forgetting.long), None);
+        let learns = self.settling <= 0.0;
+        self.recent
+            .pass(share(self.forgetting.recent), learns.then_some(&mut self.long));
+        self.recent.learn(passage);
+        self.settling = (self.settling - 1.0).max(0.0);
+        for memory in [&mut self.long, &mut self.recent] {
+            memory.information.forget_faded();
+        }
+        if contradict(&self.recent.information, &self.long.information) {
+            self.long = Memory::EMPTY;
+            self.settling = SETTLING * self.forgetting.recent;
+            return Change::Sudden;
+        }
+        Change::None
+    }
+
+    /// All that is remembered.
+    pub fn information(&self) -> Information {
+        self.long.information.plus(&self.recent.information)
+    }
+
+    /// The losses of a bridge of so many elements that explain all that is remembered best.
+    pub fn estimate(&self, elements: usize) -> Estimate {
+        self.information().estimate(elements)
+    }
+
+    /// Effective number of passages that are remembered.
+    pub fn passages(&self) -> f32 {
+        self.long.passages + self.recent.passages
+    }
+
+    /// Writes it into `buffer` and returns the part of it that is used, [`EVIDENCE_BYTES`]; none if there is no room.
+    ///
+    /// `bridge` is the CRC-32C of the bridge's blob.
+    pub fn to_bytes<'b>(&self, bridge: u32, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+        let layout = Layout {
+            long: pack(&self.long.information),
+            recent: pack(&self.recent.information),
+            passages: [self.long.passages, self.recent.passages],
+            settling: self.settling,
+        };
+        let (head, rest) = buffer.split_first_chunk_mut::<HEAD_BYTES>()?;
+        let [m0, m1, m2, m3] = MAGIC;
+        let [b0, b1, b2, b3] = bridge.to_le_bytes();
+        *head = [m0, m1, m2, m3, FORMAT_VERSION, b0, b1, b2, b3];
+        let body = postcard::to_slice(&layout, rest).ok()?.len();
+        let end = HEAD_BYTES + body;
+        let crc = CRC32C.checksum(buffer.get(..end)?).to_le_bytes();
+        buffer.get_mut(end..end + CRC_BYTES)?.copy_from_slice(&crc);
+        buffer.get(..end + CRC_BYTES)
+    }
+
+    /// Reads and checks what [`Self::to_bytes`] wrote for the same `bridge`.
+    pub fn from_bytes(bytes: &[u8], bridge: u32, forgetting: Forgetting) -> Result<Self, EvidenceError> {
+        let (head, _) = bytes.split_first_chunk::<HEAD_BYTES>().ok_or(EvidenceError::Length)?;
+        let [m0, m1, m2, m3, version, b0, b1, b2, b3] = *head;
+        if [m0, m1, m2, m3] != MAGIC {
+            return Err(EvidenceError::NotEvidence);
+        }
+        if version != FORMAT_VERSION {
+            return Err(EvidenceError::Version { found: version });
+        }
+        if bytes.len() != EVIDENCE_BYTES {
+            return Err(EvidenceError::Length);
+        }
+        let (checked, crc) = bytes.split_last_chunk::<CRC_BYTES>().ok_or(EvidenceError::Length)?;
+        if CRC32C.checksum(checked).to_le_bytes() != *crc {
+            return Err(EvidenceError::Checksum);
+        }
+        if u32::from_le_bytes([b0, b1, b2, b3]) != bridge {
+            return Err(EvidenceError::Bridge);
+        }
+        let body = checked.get(HEAD_BYTES..).ok_or(EvidenceError::Length)?;
+        let (layout, rest) = postcard::take_from_bytes::<Layout>(body).map_err(|_| EvidenceError::Contents)?;
+        let memory = |packed, passages: f32| {
+            let information = unpack(packed).filter(Information::is_information);
+            let sound = (0.0..=f32::MAX).contains(&passages);
+            // No passages, no information.
+            let empty = information.is_some_and(|information| information == Information::ZERO);
+            let memory = information.map(|information| Memory { information, passages });
+            memory
+                .filter(|_| sound && empty == (passages == 0.0))
+                .ok_or(EvidenceError::Contents)
+        };
+        let [long, recent] = layout.passages;
+        if !rest.is_empty() || !(0.0..=f32::MAX).contains(&layout.settling) {
+            return Err(EvidenceError::Contents);
+        }
+        Ok(Self {
+            forgetting,
+            long: memory(&layout.long, long)?,
+            recent: memory(&layout.recent, recent)?,
+            settling: layout.settling,
+            stranger: None,
+        })
+    }
+}
+
+/// Whether two informations contradict each other beyond doubt.
+///
+/// Never if one of them is empty, or the numbers are none.
+fn contradict(a: &Information, b: &Information) -> bool {
+    let both = a.known().into_iter().zip(b.known()).filter(|&(a, b)| a && b).count();
+    let degrees = both as f32;
+    let limit = degrees + 2.0 * math::sqrt(degrees * FALSE_ALARM) + 2.0 * FALSE_ALARM;
+    both > 0 && contradiction(a, b).is_some_and(|chi_squared| chi_squared > limit)
+}
+
+/// The chi-square of the module's doc.
+fn contradiction(a: &Information, b: &Information) -> Option<f32> {
+    let together = a.plus(b).centre()?;
+    Some(a.length_squared(&a.slope(&together))? + b.length_squared(&b.slope(&together))?)
+}
+
+/// The fields in the order in which they are written.
+#[derive(Serialize, Deserialize)]
+struct Layout {
+    long: Vec<f32, PACKED>,
+    recent: Vec<f32, PACKED>,
+    passages: [f32; 2],
+    settling: f32,
+}
+
+/// The lower triangle, row by row, and the vector.
+fn pack(information: &Information) -> Vec<f32, PACKED> {
+    let rows = (0..ELEMENTS).flat_map(|i| (0..=i).map(move |j| information.matrix[(i, j)]));
+    rows.chain(information.vector.iter().copied()).collect()
+}
+
+/// None if there are too few numbers.
+fn unpack(packed: &[f32]) -> Option<Information> {
+    let mut information = Information::ZERO;
+    let mut values = packed.iter().copied();
+    for i in 0..ELEMENTS {
+        for j in 0..=i {
+            let value = values.next()?;
+            information.matrix[(i, j)] = value;
+            information.matrix[(j, i)] = value;
+        }
+    }
+    for entry in information.vector.iter_mut() {
+        *entry = values.next()?;
+    }
+    Some(information)
+}
