@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::bridge::ReducedBridge;
 use crate::capacity::{CARS, CHANNELS, ELEMENTS};
 use crate::identify::hybrid::HIDDEN;
-use crate::identify::{Hybrid, Identification, Problem};
+use crate::identify::{Hybrid, Identification, Pass, Problem};
 use crate::interaction::simulation::{Recorder, Sensor};
 use crate::interaction::{Direction, Observation, Run, Scheme, SetupError};
 use crate::math::level_db;
@@ -28,10 +28,6 @@ use crate::wire::message::{
     Alert, Channel, Configuration, Event, Fit, PassageReport, Quality, Reason, Traffic, Trigger, Verdict,
 };
 
-/// Most solver steps in one slice of work, in which nothing else is done: a linearisation takes a step for each element and
-/// one more for each step of the passage. At 25 MHz and two clocks an instruction they take less than the board's watchdog
-/// allows (`src/bin/logger.rs`). 36 s of passage, a 16-car train at 50 km/h; a longer one is not identified.
-const SLICE_STEPS: u64 = 160_000;
 /// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
 const BAD_SAMPLES: f32 = 0.05;
 /// Events that wait for [`Logger::next_event`]: all that one block of samples or one slice of work can cause.
@@ -195,6 +191,8 @@ pub struct Logger {
     bridge: Slot<ReducedBridge<f32>>,
     stream: Stream,
     work: Slot<Work>,
+    /// Memory for the work.
+    pass: Pass,
     events: Deque<Event, EVENTS>,
     passages: u32,
     alerts: u32,
@@ -215,6 +213,7 @@ impl Logger {
             bridge: Slot::Empty,
             stream: Stream::new(),
             work: Slot::Empty,
+            pass: Pass::new(),
             events: Deque::new(),
             passages: 0,
             alerts: 0,
@@ -265,11 +264,10 @@ impl Logger {
             observation: &work.observation,
             samples: self.stream.passage_samples(),
         };
-        let solves = work.search.forward_solves();
-        let found = work.search.advance(&problem);
-        let samples = problem.recorded().len() as u64 * u64::from(work.observation.recorder.steps_per_sample);
-        let solves = u64::from(work.search.forward_solves().saturating_sub(solves));
-        self.solver_steps = self.solver_steps.saturating_add(solves * samples);
+        let before = work.search.solver_steps();
+        let found = work.search.advance(&problem, &mut self.pass);
+        let steps = work.search.solver_steps().saturating_sub(before);
+        self.solver_steps = self.solver_steps.saturating_add(steps);
         match found {
             Ok(None) => return true,
             Ok(Some(found)) => self.decide(&found),
@@ -369,10 +367,6 @@ impl Logger {
         let observation = configuration
             .observe(traffic, bridge, passage.first_sample)
             .map_err(Reason::Setup)?;
-        let steps = rows as u64 * u64::from(observation.recorder.steps_per_sample);
-        if steps * (bridge.elements as u64 + 1) > SLICE_STEPS {
-            return Err(Reason::TooLong);
-        }
         let duration_s = rows as f32 / configuration.sample_rate_hz;
         if !(0.0..duration_s).contains(&observation.run.entry_time_s) {
             return Err(Reason::NotThisTrain);
@@ -383,7 +377,7 @@ impl Logger {
     fn decide(&mut self, found: &Identification) {
         let fit = Fit {
             objective: found.objective,
-            unexplained: found.unexplained(),
+            unexplained: found.unexplained,
         };
         let certain = found.certain();
         let hidden = found.hidden(self.bridge.as_ref().map_or(ELEMENTS, |bridge| bridge.elements));
@@ -403,8 +397,8 @@ impl Logger {
                     bridge: bridge.name.clone(),
                     passage: work.report.passage,
                     start_sample: work.report.start_sample,
-                    damage_permille: permille(&found.damage),
-                    std_permille: permille(&found.std),
+                    damage_permille: permille(&found.estimate.damage),
+                    std_permille: permille(&found.estimate.std),
                     certain,
                     objective: found.objective,
                     objective_healthy: found.objective_healthy,

@@ -12,6 +12,8 @@ use nalgebra::{RealField, SVector};
 
 /// The two number types that the physics is written for.
 pub trait Real: RealField + Copy + Into<f64> {
+    /// Zero, for constants.
+    const ZERO: Self;
     /// Nearest value of this type.
     fn of(value: f64) -> Self;
     /// Sine and cosine of an angle in radians, to 1 ulp.
@@ -25,6 +27,7 @@ pub trait Real: RealField + Copy + Into<f64> {
 }
 
 impl Real for f32 {
+    const ZERO: Self = 0.0;
     fn of(value: f64) -> Self {
         value as f32
     }
@@ -43,6 +46,7 @@ impl Real for f32 {
 }
 
 impl Real for f64 {
+    const ZERO: Self = 0.0;
     fn of(value: f64) -> Self {
         value
     }
@@ -90,6 +94,11 @@ pub fn sqrt(value: f32) -> f32 {
 /// The error function of an `f32`, to 1 ulp.
 pub fn erf(value: f32) -> f32 {
     libm::erff(value)
+}
+
+/// Natural logarithm, to 1 ulp.
+pub fn ln(value: f32) -> f32 {
+    libm::logf(value)
 }
 
 /// Mean square acceleration, (m/s²)², as a level in dB re 1 µm/s² (ISO 1683), for the eye: off by at most 1 dB.

@@ -30,10 +30,9 @@ pub struct AntiAliasState<T: Real> {
     s: [[T; 2]; 2],
 }
 
-impl<T: Real> Default for AntiAliasState<T> {
-    fn default() -> Self {
-        Self { s: [[T::zero(); 2]; 2] }
-    }
+impl<T: Real> AntiAliasState<T> {
+    /// Nothing has come yet.
+    pub const AT_REST: Self = Self { s: [[T::ZERO; 2]; 2] };
 }
 
 impl<T: Real> AntiAlias<T> {
@@ -145,7 +144,7 @@ mod tests {
     fn its_recurrence_has_the_response_of_its_coefficients() {
         let (step, f) = (2.5e-3, 25.0);
         let filter = AntiAlias::new(Some(40.0), step);
-        let (mut state, mut square) = (AntiAliasState::default(), 0.0);
+        let (mut state, mut square) = (AntiAliasState::AT_REST, 0.0);
         for k in 0..8000 {
             let y = filter.apply(
                 &mut state,
@@ -162,6 +161,6 @@ mod tests {
     #[test]
     fn a_cut_off_beyond_half_the_rate_filters_nothing() {
         let filter = AntiAlias::new(Some(600.0), 1e-3);
-        assert_eq!(filter.apply(&mut AntiAliasState::default(), 3.0), 3.0);
+        assert_eq!(filter.apply(&mut AntiAliasState::AT_REST, 3.0), 3.0);
     }
 }

@@ -14,7 +14,7 @@ use rand_xoshiro::{Xoshiro128PlusPlus, Xoshiro256PlusPlus};
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::code::CODE_BITS;
 use spanwatch::identify::{
-    CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Problem, micro_ga, paper_ga,
+    CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Pass, Problem, micro_ga, paper_ga,
 };
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::TrainKind;
@@ -38,9 +38,9 @@ fn misfit(problem: &Problem<'_>, code: DamageCode) -> f32 {
 }
 
 fn identify(problem: &Problem<'_>, seed: u64) -> Identification {
-    let mut search = Hybrid::new(seed);
+    let (mut search, mut pass) = (Hybrid::new(seed), Pass::new());
     loop {
-        if let Some(found) = search.advance(problem).expect("a forward solve") {
+        if let Some(found) = search.advance(problem, &mut pass).expect("a forward solve") {
             return found;
         }
     }
@@ -68,7 +68,8 @@ fn hybrid_finds_all_sixteen_cases_of_the_paper() {
         for seed in 1..=if case.cars == 1 { 3 } else { 1 } {
             let found = identify(&problem, seed);
             let truth = case.scenario(Signal::Recorded).damage;
-            let off = (found.damage.iter().zip(truth)).fold(0.0_f32, |off, (d, t)| off.max((d - t as f32).abs()));
+            let off =
+                (found.estimate.damage.iter().zip(truth)).fold(0.0_f32, |off, (d, t)| off.max((d - t as f32).abs()));
             println!(
                 "case {} of {:?}: {:?}, off by {off:.4}, {} solves",
                 case.number,
@@ -106,13 +107,13 @@ fn hybrid_finds_damage_that_it_was_not_made_for() {
         }
         let recording = Observed::simulated(&bridge, &scenario).expect("simulates");
         let found = identify(&recording.problem(), seed);
-        let off = (found.damage.iter().zip(&scenario.damage))
+        let off = (found.estimate.damage.iter().zip(&scenario.damage))
             .fold(0.0, |off: f64, (d, t)| off.max((f64::from(*d) - t).abs()));
         assert!(
             off < POINTS,
             "seed {seed}: {:?}, found {:?}",
             scenario.damage,
-            found.damage
+            found.estimate.damage
         );
     }
 }
@@ -130,9 +131,9 @@ fn a_train_that_comes_from_the_other_end_and_brakes_is_explained_as_it_runs() {
     let recording = Observed::simulated(&girder50(), &scenario).expect("simulates");
     let found = identify(&recording.problem(), 1);
     assert!(
-        (found.damage[1] - 0.3).abs() < 0.01 && found.certain() == 0b10,
+        (found.estimate.damage[1] - 0.3).abs() < 0.01 && found.certain() == 0b10,
         "{:?}",
-        found.damage
+        found.estimate.damage
     );
 }
 
@@ -161,9 +162,9 @@ fn a_bridge_of_fewer_elements_has_no_damage_in_those_that_it_has_not() {
                     found.certain(),
                     expected,
                     "{elements} elements, loss {loss}: {:?}",
-                    found.damage
+                    found.estimate.damage
                 );
-                assert!(found.damage[elements..].iter().all(|&loss| loss == 0.0));
+                assert!(found.estimate.damage[elements..].iter().all(|&loss| loss == 0.0));
                 assert_eq!(found.code, found.code.within(elements));
             }
         }
@@ -186,13 +187,17 @@ fn the_stated_deviations_are_the_cramer_rao_bounds() {
         };
         let recording = Observed::simulated(&bridge, &scenario).expect("simulates");
         let found = identify(&recording.problem(), 1);
-        let mut std = found.std;
+        let mut std = found.estimate.std;
         std.sort_by(f32::total_cmp);
         let (median, worst) = ((std[4] + std[5]) / 2.0, std[ELEMENTS - 1]);
         println!("case {number}: {median:.4} / {worst:.4}, bounds {bounds:?}");
         assert!((median / bounds[0] - 1.0).abs() < AGREEMENT && (worst / bounds[1] - 1.0).abs() < AGREEMENT);
-        for (e, (d, t)) in found.damage.iter().zip(&scenario.damage).enumerate() {
-            assert!((d - *t as f32).abs() < 5.0 * found.std[e], "element {}: {d}", e + 1);
+        for (e, (d, t)) in found.estimate.damage.iter().zip(&scenario.damage).enumerate() {
+            assert!(
+                (d - *t as f32).abs() < 5.0 * found.estimate.std[e],
+                "element {}: {d}",
+                e + 1
+            );
         }
     }
 }
@@ -212,7 +217,7 @@ fn noise_alone_is_not_damage() {
         assert!(
             found.explained() && found.certain() == 0,
             "seed {seed}: {:?}",
-            found.damage
+            found.estimate.damage
         );
     }
 }

@@ -73,12 +73,13 @@ impl Passage {
 
     /// Signal and derivatives as the logger has them.
     fn derivatives(&self) -> (Vec<f64>, Vec<Vec<f64>>) {
-        let mut sensitivities =
-            Sensitivities::<f64, MODES>::new(&self.bridge, &self.truth, &self.observed, [true; UNKNOWNS])
-                .expect("can be solved");
+        let mut sensitivities = Sensitivities::<f64, MODES>::NONE;
+        let mut simulation = sensitivities
+            .begin(&self.bridge, &self.truth, &self.observed, &[true; UNKNOWNS])
+            .expect("can be solved");
         let (mut signal, mut columns) = (vec![], vec![vec![]; UNKNOWNS]);
         for _ in 0..self.samples {
-            let (sample, rows) = sensitivities.sample(&self.observed);
+            let (sample, rows) = sensitivities.sample(&mut simulation, &self.observed);
             for (value, row) in sample.into_iter().zip(rows) {
                 signal.push(value);
                 for (column, derivative) in columns.iter_mut().zip(row) {

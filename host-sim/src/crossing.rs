@@ -97,6 +97,8 @@ impl Crossing<'_> {
         }
     }
 
+    // Not inlined: the largest size's megabyte of stack is for those who need it.
+    #[inline(never)]
     fn solve_in<const M: usize>(&self, steps: usize, each: &mut dyn FnMut(State<'_>)) -> Result<()> {
         let track: &dyn Track<f64> = self.track.unwrap_or(&Smooth);
         let cars = TrainSteps::new(self.train.clone(), self.scheme, self.step_s).context("the train")?;

@@ -8,9 +8,9 @@ use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::identify::refine::Stop;
-use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Problem};
+use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Pass, Problem};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
-use spanwatch::interaction::{Observation, SetupError};
+use spanwatch::interaction::{Hypothesis, Observation, SetupError};
 use spanwatch::train::PlanarTrain;
 
 use crate::model::reduce::reduce;
@@ -101,16 +101,16 @@ pub fn search(
             run(problem, &mut search, known, step)
         }
         Method::Hybrid => {
-            let mut search = Hybrid::new(seed);
+            let (mut search, mut pass) = (Hybrid::new(seed), Pass::new());
             let found = loop {
                 step(0);
-                if let Some(found) = search.advance(problem)? {
+                if let Some(found) = search.advance(problem, &mut pass)? {
                     break found;
                 }
             };
             Ok(Found {
-                damage: found.damage,
-                std: Some(found.std),
+                damage: found.estimate.damage,
+                std: Some(found.estimate.std),
                 code: found.code,
                 objective: found.objective,
                 forward_solves: found.forward_solves,
@@ -272,7 +272,10 @@ impl Observed {
     /// The passage simulated with `damage`, m/s², as many samples as were recorded, channel after channel.
     pub fn simulate(&self, damage: &Damage<f32>) -> Result<Vec<f32>> {
         let problem = self.problem();
-        let mut simulation = problem.simulate(damage)?;
+        let mut simulation = problem.simulate(&Hypothesis {
+            damage: *damage,
+            ..self.observation.expected()
+        })?;
         let channels = self.observation.recorder.sensors.len();
         let rows = problem.recorded().len();
         Ok((0..rows)

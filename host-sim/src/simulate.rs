@@ -275,7 +275,7 @@ pub fn simulate_reporting(
     let run = scenario.run::<f64>();
     let steps_per_sample = scenario.steps_per_sample()?;
     let filter = AntiAlias::new(scenario.antialias_hz, scenario.step_s);
-    let mut states = vec![AntiAliasState::default(); rows.len()];
+    let mut states = vec![AntiAliasState::AT_REST; rows.len()];
 
     let length_m = model.length_m() + train.length_m();
     let left_s = run

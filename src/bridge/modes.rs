@@ -57,12 +57,11 @@ pub struct Remainder<T: Real> {
 }
 
 impl<T: Real> Remainder<T> {
-    fn none() -> Self {
-        Self {
-            path: [[T::zero(); 2]; PATH_NODES],
-            sensors: [T::zero(); CHANNELS],
-        }
-    }
+    /// No shape.
+    pub const NONE: Self = Self {
+        path: [[T::ZERO; 2]; PATH_NODES],
+        sensors: [T::ZERO; CHANNELS],
+    };
 }
 
 impl<T: Real> Eigenmodes<T> {
@@ -108,14 +107,15 @@ impl<T: Real> Eigenmodes<T> {
     /// ```
     ///
     /// Displacement and slope of `g_f` at each node of the path, and its displacement at the sensor places `places`.
-    pub fn remainders(&self, bridge: &ReducedBridge<T>, m: usize, places: &[usize]) -> [Remainder<T>; FACTORS] {
-        let root = bridge.lambda.map(|value| value.sqrt());
-        core::array::from_fn(|f| {
-            let mut remainder = Remainder::none();
-            if f >= bridge.factor_count {
-                return remainder;
-            }
-            let factor = bridge.factors.column(f).component_mul(&root);
+    pub fn remainders(
+        &self,
+        bridge: &ReducedBridge<T>,
+        m: usize,
+        places: &[usize],
+        remainders: &mut [Remainder<T>; FACTORS],
+    ) {
+        remainders.fill(Remainder::NONE);
+        for (remainder, factor) in remainders.iter_mut().zip(self.factors(bridge)) {
             let mut vector = SVector::<T, BASIS>::zeros();
             for &column in self.order.iter().take(self.count).skip(m) {
                 let mode = self.vectors.column(column);
@@ -127,21 +127,22 @@ impl<T: Real> Eigenmodes<T> {
             for (value, &place) in remainder.sensors.iter_mut().zip(places) {
                 *value = bridge.sensors.column(place).dot(&vector);
             }
-            remainder
-        })
+        }
     }
 
     /// Each element's share of the stiffness in the lowest `M` modes, as the model's factors have it:
     /// `d (modal stiffness) / d d_e = -sum_f u_f u_f^T` over the factors `f` of element `e`; kg^1/2-normalised, rad/s.
-    pub fn shares<const M: usize>(&self, bridge: &ReducedBridge<T>) -> [[T; M]; FACTORS] {
+    pub fn shares<const M: usize>(&self, bridge: &ReducedBridge<T>, shares: &mut [[T; M]; FACTORS]) {
+        *shares = [[T::zero(); M]; FACTORS];
+        for (share, factor) in shares.iter_mut().zip(self.factors(bridge)) {
+            *share = *entries(&self.components(&factor));
+        }
+    }
+
+    /// `L^1/2 b_f`.
+    fn factors(&self, bridge: &ReducedBridge<T>) -> impl Iterator<Item = SVector<T, BASIS>> {
         let root = bridge.lambda.map(|value| value.sqrt());
-        core::array::from_fn(|f| {
-            if f < bridge.factor_count {
-                *entries(&self.components(&bridge.factors.column(f).component_mul(&root)))
-            } else {
-                [T::zero(); M]
-            }
-        })
+        (bridge.factors.column_iter().take(bridge.factor_count)).map(move |factor| factor.component_mul(&root))
     }
 }
 

@@ -81,6 +81,19 @@ impl Estimate {
     pub fn certain(&self) -> u16 {
         bits(|e| self.is_certain(e))
     }
+
+    /// The element (from 0) that is least likely to be whole, and its significance.
+    pub fn most_certain(&self) -> (usize, f32) {
+        let significance = self.significance.into_iter().enumerate();
+        significance.fold((0, 0.0), |most, (e, s)| if s > most.1 { (e, s) } else { most })
+    }
+
+    /// The largest loss of a single element that need not have been found certain.
+    pub fn hidden(&self, elements: usize) -> f32 {
+        (self.std.iter().take(elements))
+            .fold(ALARM_DAMAGE, |most, std| most.max(ALARM_DEVIATIONS * std))
+            .min(1.0)
+    }
 }
 
 /// What would have to be true if an element were whole.

@@ -1,104 +1,160 @@
-//! The logger's identification: the small genetic search finds the basin, Gauss-Newton its bottom.
+//! The logger's identification: from what is expected of a passage to the damage that explains it, and how surely.
 //!
-//! Cut into slices: each call of [`Hybrid::advance`] makes one forward solve of the search or one slice of the
-//! refinement, which is one forward solve or as many as there are elements and one more.
-//! Deterministic for a seed.
+//! | stage | does | passes |
+//! |---|---|---|
+//! | align | tries speeds over their range, and with each all entries and loads | comparisons |
+//! | settle | descends with the healthy bridge to the best speed, entry, load and stiffness | linearisations |
+//! | search | the small genetic search finds the basin of the damage | comparisons |
+//! | descend | Gauss-Newton within bounds finds its bottom, all unknowns free | linearisations |
+//! | correlate | asks how independent the residuals are | a correlation |
+//! | doubt | descends from the mirror image, the most certain element held whole: what else could it be? | linearisations |
+//!
+//! The first two are passed over if all of speed, entry, load and stiffness are known. [`Hybrid::advance`] does one bounded slice, a
+//! few milliseconds of the logger. Deterministic for a seed.
 
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 
 use super::CodeSearch;
 use super::code::DamageCode;
+use super::estimate::{Estimate, Information, TOLD_APART};
 use super::micro_ga::MicroGa;
-use super::objective::Problem;
-use super::refine::{Refinement, Stop};
+use super::objective::{EXPLAINED, Problem, Squares};
+use super::pass::{Alignment, Comparison, Found, MOST_SHIFTS, Pass, Shifts};
+use super::refine::{Refinement, Stop, Want};
+use super::unknowns::{Limits, Theta, hypothesis, losses, with_losses};
 
-pub use super::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS};
 use crate::bridge::Damage;
-use crate::capacity::ELEMENTS;
-use crate::interaction::SetupError;
+use crate::capacity::{CHANNELS, ELEMENTS};
+use crate::interaction::sensitivity::{ENTRY, LOAD, SPEED, STIFFNESS};
+use crate::interaction::{Run, SetupError};
 use crate::math;
 
-/// Forward solves of the genetic search before the refinement begins. An earlier form of the search, tried on 60 random
+pub use super::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS};
+
+/// Forward solves of the genetic search before the descent begins. An earlier form of the search, tried on 60 random
 /// cases of one to three damages up to 65 %, ended elsewhere in 8 of them when it began at the undamaged bridge, in 1 after
 /// 16 solves, in none after 24. The present one was settled on 400 such cases, and then found 400 of 400 others.
 pub const BASIN_BUDGET: u32 = 40;
-/// If what the refinement finds does not explain the recording, the genetic search begins again, up to so many rounds in all.
+/// If what the descent finds does not explain the recording, the genetic search begins again, up to so many rounds in all.
 const ROUNDS: u32 = 2;
+/// Solver steps that an identification may take in all: at 6,000 instructions each and 168 MHz, two minutes of the three
+/// between trains.
+const MOST_STEPS: u64 = 3_400_000;
 
-/// Part of the recording's mean square that may remain unexplained; beyond it, the model is not of this passage.
+/// Part of the recording's power that may remain unexplained; beyond it, the model is not of this passage.
 pub const UNEXPLAINED: f32 = 0.1;
 /// A loss that a passage can hide and is still said to be healthy; if it can hide more, nothing is decided.
 pub const HIDDEN: f32 = 0.5;
 
+/// Speeds to either side of the expected one that are tried at most.
+const MOST_SPEEDS: u32 = 40;
+/// Speeds are so close that at neither end of a passage the next one is off by more than this part of the first mode's period.
+const OUT_OF_STEP: f32 = 0.125;
+/// Samples to either side within which the genetic search finds the entry of each pattern anew.
+const NUDGE: usize = 4;
+/// A load is looked for within so many of its ranges.
+const LOAD_RANGES: f32 = 2.0;
+
 /// What a search found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Identification {
-    /// Fraction of bending stiffness lost by each element.
-    pub damage: Damage<f32>,
-    /// Standard deviation of each: that of the least squares times the square root of
-    /// [`Problem::correlation_time`], since residuals that swing with the bridge, as those of a wrong entry time do, say less than
-    /// as many independent ones.
-    pub std: Damage<f32>,
+    /// Loss of each element, its deviation, its 95 % interval, its significance. The loss is that of the descent, not of
+    /// the linear model about it.
+    pub estimate: Estimate,
+    /// The same for adding up passages.
+    pub information: Information,
     /// The damage to the nearest 10 %.
     pub code: DamageCode,
-    /// Misfit, (m/s²)².
+    /// How the train ran.
+    pub run: Run<f32>,
+    /// Stiffness of the whole bridge, as a part of the model's.
+    pub stiffness: f32,
+    /// Standard deviations of stiffness, speed, entry time and load, in the units of [`unknowns`](super::unknowns); 0 if held.
+    pub std: [f32; 4],
+    /// Misfit, (m/s²)² (m² for displacements).
     pub objective: f32,
-    /// Misfit of the undamaged bridge, (m/s²)².
+    /// Misfit of the undamaged bridge under the train that fits it best.
     pub objective_healthy: f32,
-    /// Mean square of the recording, (m/s²)².
-    pub mean_square: f32,
-    /// Forward solves, the refinement's at their true cost.
+    /// Part of the recording's power that is not explained, on average over the channels.
+    pub unexplained: f32,
+    /// The best explanation in which the most certain element is whole.
+    pub rival: Option<Rival>,
+    /// Forward solves, a derivative at its true cost.
     pub forward_solves: u32,
     /// Generations of the genetic search.
     pub generations: u32,
-    /// Why the refinement ended.
+    /// Why the descent ended.
     pub stop: Stop,
 }
 
-impl Identification {
-    /// Whether element `e` (from 0) is damaged beyond doubt.
-    pub fn is_certain(&self, e: usize) -> bool {
-        let sure = |(&damage, &std): (&f32, &f32)| damage > ALARM_DAMAGE && damage > ALARM_DEVIATIONS * std;
-        self.explained() && self.damage.iter().zip(&self.std).nth(e).is_some_and(sure)
-    }
+/// What else could explain a passage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rival {
+    /// The element, from 0, that is whole in it.
+    pub whole: usize,
+    /// Loss of each element.
+    pub damage: Damage<f32>,
+    /// Standard deviations by which it explains the passage worse.
+    pub loses_by: f32,
+}
 
+impl Identification {
     /// Bit `e` is set where element `e` (from 0) is damaged beyond doubt.
     pub fn certain(&self) -> u16 {
-        (0..ELEMENTS)
-            .filter(|&e| self.is_certain(e))
-            .fold(0, |bits, e| bits | 1 << e)
+        if self.explained() { self.estimate.certain() } else { 0 }
     }
 
     /// The largest loss of a single element that need not have been found certain.
     pub fn hidden(&self, elements: usize) -> f32 {
-        self.std
-            .iter()
-            .take(elements)
-            .fold(ALARM_DAMAGE, |most, std| most.max(ALARM_DEVIATIONS * std))
-            .min(1.0)
-    }
-
-    /// Part of the recording's mean square that the damage leaves unexplained.
-    pub fn unexplained(&self) -> f32 {
-        self.objective / self.mean_square.max(f32::MIN_POSITIVE)
+        self.estimate.hidden(elements)
     }
 
     /// Whether some damage pattern explains the recording at all.
     pub fn explained(&self) -> bool {
-        self.objective <= UNEXPLAINED * self.mean_square
+        self.unexplained <= UNEXPLAINED
     }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    Begin,
+    Align,
+    Settle,
+    Search,
+    Descend,
+    Correlate,
+    Doubt,
+}
+
+/// The best answer so far.
+#[derive(Debug, Clone)]
+struct Answer {
+    identification: Identification,
+    theta: Theta,
+    residuals: Squares,
+    correlation_time: f32,
 }
 
 /// State of an identification.
 #[derive(Debug, Clone)]
 pub struct Hybrid {
+    stage: Stage,
     search: MicroGa<Xoshiro128PlusPlus>,
-    refinement: Option<Refinement>,
-    /// The best that a round has found.
-    best: Option<Identification>,
+    descent: Option<Refinement>,
+    /// Sums of squares of the recording.
+    power: Squares,
+    /// Of alignment: the speed that is being tried, and how many there are to either side.
+    speed: [u32; 2],
+    /// The best of the stage so far, and its weighted sum of squares.
+    best: (Theta, f32),
+    /// What was found before the search for damage.
+    settled: Theta,
+    answer: Option<Answer>,
+    stop: Stop,
     round: u32,
-    forward_solves: u32,
+    /// Cost so far, tenths of a solver step.
+    tenths: u64,
     objective_healthy: f32,
 }
 
@@ -106,80 +162,360 @@ impl Hybrid {
     /// An identification that has not begun.
     pub fn new(seed: u64) -> Self {
         Self {
+            stage: Stage::Begin,
             search: MicroGa::new(Xoshiro128PlusPlus::seed_from_u64(seed), BASIN_BUDGET),
-            refinement: None,
-            best: None,
+            descent: None,
+            power: Squares::NONE,
+            speed: [0; 2],
+            best: (Theta::zeros(), f32::INFINITY),
+            settled: Theta::zeros(),
+            answer: None,
+            stop: Stop::Converged,
             round: 1,
-            forward_solves: 0,
+            tenths: 0,
             objective_healthy: 0.0,
         }
     }
 
-    /// Forward solves so far.
-    pub fn forward_solves(&self) -> u32 {
-        self.forward_solves
+    /// Steps of the solver so far, a derivative at its true cost.
+    pub fn solver_steps(&self) -> u64 {
+        self.tenths / 10
     }
 
-    /// Does one slice of the work; gives the result once it is there.
-    pub fn advance(&mut self, problem: &Problem<'_>) -> Result<Option<Identification>, SetupError> {
-        let refinement = match &mut self.refinement {
-            Some(refinement) => refinement,
-            None => {
-                let Some(code) = self.search.ask() else {
-                    let code = self.search.best().0.within(problem.bridge.elements);
-                    self.refinement = Some(Refinement::new(code.damage()));
-                    return Ok(None);
-                };
-                let misfit = problem.misfit(&code.damage())?;
-                if self.forward_solves == 0 {
-                    // The search asks for the undamaged bridge first.
-                    self.objective_healthy = misfit;
-                }
-                self.forward_solves += 1;
-                self.search.tell(misfit);
-                return Ok(None);
-            }
-        };
-        let before = refinement.solves();
-        let stop = refinement.advance(problem)?;
-        self.forward_solves += refinement.solves() - before;
-        let Some(stop) = stop else { return Ok(None) };
-        // A singular information matrix: the recording says nothing of some element.
-        let (damage, mut std, objective) =
-            refinement
-                .estimate(problem)
-                .unwrap_or(([0.0; ELEMENTS], [1.0; ELEMENTS], f32::INFINITY));
-        let inflation = math::sqrt(problem.correlation_time(&damage)?);
-        self.forward_solves += 1;
-        for deviation in &mut std {
-            *deviation *= inflation;
-        }
-        let found = Identification {
-            damage,
-            std,
-            code: DamageCode::nearest(&damage),
-            objective,
-            objective_healthy: self.objective_healthy,
-            mean_square: problem.mean_square(),
-            forward_solves: self.forward_solves,
-            generations: self.search.generations(),
-            stop,
-        };
-        let best = match self.best {
-            Some(earlier) if earlier.objective <= objective => Identification {
-                forward_solves: found.forward_solves,
-                generations: found.generations,
-                ..earlier
-            },
-            _ => found,
-        };
-        if !best.explained() && self.round < ROUNDS {
-            self.best = Some(best);
-            self.round += 1;
-            self.refinement = None;
-            self.search.begin_again(BASIN_BUDGET);
+    /// Does one slice of the work, in the memory of `pass`; gives the result once it is there.
+    pub fn advance(&mut self, problem: &Problem<'_>, pass: &mut Pass) -> Result<Option<Identification>, SetupError> {
+        if self.stage == Stage::Begin {
+            self.begin(problem);
+            self.ask(problem, pass)?;
             return Ok(None);
         }
-        Ok(Some(best))
+        let over = pass.advance(problem);
+        self.tenths = self.tenths.saturating_add(pass.take_cost());
+        if !over {
+            return Ok(None);
+        }
+        if let Some(found) = self.hear(problem, pass.found()) {
+            return Ok(Some(found));
+        }
+        self.ask(problem, pass)?;
+        Ok(None)
+    }
+
+    fn begin(&mut self, problem: &Problem<'_>) {
+        self.power = problem.power();
+        let ranges = problem.observation.ranges;
+        let limits = self.limits(problem);
+        let free = limits.free();
+        self.stage = if [SPEED, ENTRY, LOAD].into_iter().any(|unknown| free[unknown]) {
+            // The time over which a train of another speed falls out of step.
+            let way_m = problem.observation.cars.train().length_m() + problem.bridge.path.length_m();
+            let first_hz = math::sqrt(problem.bridge.lambda[0]) / core::f32::consts::TAU;
+            let spacing = 2.0 * OUT_OF_STEP * problem.observation.run.speed_mps / (first_hz * way_m);
+            let speeds = (ranges.speed / spacing + 0.999) as u32;
+            self.speed = [0, speeds.min(MOST_SPEEDS)];
+            Stage::Align
+        } else if free[STIFFNESS] {
+            self.settle(problem);
+            Stage::Settle
+        } else {
+            Stage::Search
+        };
+    }
+
+    fn limits(&self, problem: &Problem<'_>) -> Limits {
+        Limits::new(problem.bridge.elements, problem.observation)
+    }
+
+    /// Weights with which the recording has a power of 1 a value, in each channel.
+    fn weights(&self) -> [f32; CHANNELS] {
+        self.power.weights(&self.power)
+    }
+
+    /// Begins the pass that the stage needs next.
+    fn ask(&mut self, problem: &Problem<'_>, pass: &mut Pass) -> Result<(), SetupError> {
+        let weights = self.weights();
+        match self.stage {
+            Stage::Begin => Ok(()),
+            Stage::Align => pass.compare(problem, &self.tried_speed(problem), weights, self.shifts(problem)),
+            Stage::Search => match self.pattern(problem) {
+                Some(theta) => pass.compare(problem, &theta, weights, self.nudges(problem)),
+                None => {
+                    let left = self.best.1 / self.power.values();
+                    let weights = weights.map(|weight| weight / left.max(EXPLAINED));
+                    self.descent = Some(Refinement::new(&self.best.0, self.limits(problem), self.power, weights));
+                    self.stage = Stage::Descend;
+                    self.ask(problem, pass)
+                }
+            },
+            Stage::Settle | Stage::Descend | Stage::Doubt => {
+                let Some(descent) = &self.descent else { return Ok(()) };
+                match descent.wants() {
+                    Want::Probe(theta) => pass.compare(problem, &theta, descent.weights(), Shifts::NONE),
+                    Want::Linearise(theta) => pass.linearise(problem, &theta, descent.weights(), &descent.free()),
+                }
+            }
+            Stage::Correlate => {
+                let Some(descent) = &self.descent else { return Ok(()) };
+                pass.correlate(problem, descent.best(), descent.weights())
+            }
+        }
+    }
+
+    /// Takes what a pass has found; gives the result if it was the last.
+    fn hear(&mut self, problem: &Problem<'_>, found: Found<'_>) -> Option<Identification> {
+        match (self.stage, found) {
+            (Stage::Align, Found::Comparison(comparison)) => self.hear_speed(problem, comparison),
+            (Stage::Search, Found::Comparison(comparison)) => self.hear_pattern(problem, comparison),
+            (Stage::Settle | Stage::Descend | Stage::Doubt, found) => {
+                let stop = match (&mut self.descent, found) {
+                    (Some(descent), Found::Comparison(comparison)) => descent.told(&comparison.residuals),
+                    (Some(descent), Found::Normal(normal)) => descent.told_normal(normal),
+                    _ => Some(Stop::NoProgress),
+                };
+                let spent = self.spent().then_some(Stop::Budget);
+                if let Some(stop) = stop.or(spent) {
+                    return self.end_descent(problem, stop);
+                }
+            }
+            (Stage::Correlate, Found::CorrelationTime(time)) => return self.conclude(problem, time),
+            _ => {}
+        }
+        None
+    }
+
+    // ---- align ------------------------------------------------------------------------------------------------------
+
+    /// The healthy bridge under the train at the speed that is to be tried.
+    fn tried_speed(&self, problem: &Problem<'_>) -> Theta {
+        let [index, half] = self.speed;
+        let mut theta = Theta::zeros();
+        if half > 0 {
+            theta[SPEED] = problem.observation.ranges.speed * (index as f32 - half as f32) / half as f32;
+        }
+        theta
+    }
+
+    /// Shifts that cover the range of the entry.
+    fn shifts(&self, problem: &Problem<'_>) -> Shifts {
+        let samples = problem.observation.ranges.entry_s * problem.observation.recorder.sample_rate_hz;
+        let stride = (samples / MOST_SHIFTS as f32 + 0.999).max(1.0);
+        Shifts {
+            half: (samples / stride + 0.999) as usize,
+            stride: stride as usize,
+        }
+    }
+
+    fn hear_speed(&mut self, problem: &Problem<'_>, comparison: &Comparison) {
+        let tried = self.tried_speed(problem);
+        self.keep(problem, tried, comparison);
+        self.speed[0] += 1;
+        if self.speed[0] > 2 * self.speed[1] {
+            self.settle(problem);
+        }
+    }
+
+    /// Keeps a hypothesis with its best entry and load, if it is the best; gives what it leaves.
+    fn keep(&mut self, problem: &Problem<'_>, mut theta: Theta, comparison: &Comparison) -> f32 {
+        let ranges = problem.observation.ranges;
+        let alignment = if ranges.entry_s > 0.0 || ranges.load > 0.0 {
+            let now = 1.0 + theta[LOAD];
+            let loads = [-1.0, 1.0].map(|side| (1.0 + side * LOAD_RANGES * ranges.load).max(0.1) / now);
+            comparison.align(loads)
+        } else {
+            Alignment {
+                samples: 0,
+                load: 1.0,
+                left: comparison.residuals.weighted(&self.weights()),
+            }
+        };
+        theta[ENTRY] += alignment.samples as f32 / problem.observation.recorder.sample_rate_hz;
+        theta[LOAD] += (alignment.load - 1.0) * (1.0 + theta[LOAD]);
+        if alignment.left < self.best.1 {
+            self.best = (theta, alignment.left);
+        }
+        alignment.left
+    }
+
+    // ---- settle -----------------------------------------------------------------------------------------------------
+
+    fn settle(&mut self, problem: &Problem<'_>) {
+        let limits = self.limits(problem).without_damage();
+        let left = (self.best.1 / self.power.values()).min(1.0);
+        let weights = self.weights().map(|weight| weight / left.max(EXPLAINED));
+        self.descent = Some(Refinement::new(&self.best.0, limits, self.power, weights));
+        self.stage = Stage::Settle;
+    }
+
+    // ---- search -----------------------------------------------------------------------------------------------------
+
+    /// The next pattern of the genetic search under the train as it is settled; none when the search has ended.
+    fn pattern(&mut self, problem: &Problem<'_>) -> Option<Theta> {
+        let code = self.search.ask()?.within(problem.bridge.elements);
+        Some(with_losses(self.settled, &code.damage()))
+    }
+
+    fn nudges(&self, problem: &Problem<'_>) -> Shifts {
+        Shifts {
+            half: if problem.observation.ranges.entry_s > 0.0 {
+                NUDGE
+            } else {
+                0
+            },
+            stride: 1,
+        }
+    }
+
+    fn hear_pattern(&mut self, problem: &Problem<'_>, comparison: &Comparison) {
+        let Some(theta) = self.pattern(problem) else { return };
+        if self.search.generations() == 1 && self.objective_healthy == 0.0 {
+            // The search asks for the undamaged bridge first.
+            self.objective_healthy = comparison.residuals.mean();
+        }
+        let left = self.keep(problem, theta, comparison);
+        self.search.tell(left);
+    }
+
+    // ---- descend ----------------------------------------------------------------------------------------------------
+
+    fn end_descent(&mut self, problem: &Problem<'_>, stop: Stop) -> Option<Identification> {
+        let descent = self.descent.as_ref()?;
+        match self.stage {
+            Stage::Settle => {
+                self.settled = *descent.best();
+                // A loss of stiffness must not hide in the whole bridge's before it has been looked for.
+                self.settled[STIFFNESS] = 0.0;
+                self.objective_healthy = descent.residuals().mean();
+                self.best = (self.settled, f32::INFINITY);
+                self.stage = Stage::Search;
+                None
+            }
+            Stage::Descend => {
+                self.stop = stop;
+                self.stage = Stage::Correlate;
+                None
+            }
+            _ => self.answer_doubt(problem),
+        }
+    }
+
+    /// The descent is over and its residuals' correlation known.
+    fn conclude(&mut self, problem: &Problem<'_>, correlation_time: f32) -> Option<Identification> {
+        let descent = self.descent.as_ref()?;
+        let found = Answer {
+            identification: self.identification(problem, descent, correlation_time),
+            theta: *descent.best(),
+            residuals: *descent.residuals(),
+            correlation_time,
+        };
+        let weights = descent.weights();
+        let best = match self.answer.take() {
+            Some(earlier) if earlier.identification.objective <= found.identification.objective => earlier,
+            _ => found,
+        };
+        let identification = best.identification;
+        let (theta, elements) = (best.theta, problem.bridge.elements.min(ELEMENTS));
+        self.answer = Some(best);
+        if !identification.explained() && self.round < ROUNDS {
+            self.round += 1;
+            self.search.begin_again(BASIN_BUDGET);
+            self.best = (self.settled, f32::INFINITY);
+            self.stage = Stage::Search;
+            return None;
+        }
+        let (whole, significance) = identification.estimate.most_certain();
+        if significance < TOLD_APART || !identification.explained() || self.spent() {
+            return self.counted(problem, None);
+        }
+        let mut mirrored: Damage<f32> = [0.0; ELEMENTS];
+        for (e, loss) in identification.estimate.damage.into_iter().enumerate().take(elements) {
+            mirrored[elements - 1 - e] = loss;
+        }
+        let limits = self.limits(problem).with_whole(whole);
+        let start = with_losses(theta, &mirrored);
+        self.descent = Some(Refinement::new(&start, limits, self.power, weights));
+        self.stage = Stage::Doubt;
+        None
+    }
+
+    fn identification(&self, problem: &Problem<'_>, descent: &Refinement, correlation_time: f32) -> Identification {
+        let information = descent.information(correlation_time);
+        let damage = losses(descent.best());
+        let hypothesis = hypothesis(descent.best(), problem.observation);
+        let (deviations, free) = (descent.deviations(correlation_time), descent.free());
+        Identification {
+            estimate: Estimate {
+                damage,
+                ..information.estimate(problem.bridge.elements)
+            },
+            information,
+            code: DamageCode::nearest(&damage),
+            run: hypothesis.run,
+            stiffness: hypothesis.stiffness,
+            std: core::array::from_fn(|i| {
+                if free[ELEMENTS + i] {
+                    deviations[ELEMENTS + i]
+                } else {
+                    0.0
+                }
+            }),
+            objective: descent.residuals().mean(),
+            objective_healthy: self.objective_healthy,
+            unexplained: descent.residuals().unexplained(&self.power),
+            rival: None,
+            forward_solves: 0,
+            generations: 0,
+            stop: self.stop,
+        }
+    }
+
+    // ---- doubt ------------------------------------------------------------------------------------------------------
+
+    /// The descent with the most certain element whole is over.
+    fn answer_doubt(&mut self, problem: &Problem<'_>) -> Option<Identification> {
+        let (descent, answer) = (self.descent.as_ref()?, self.answer.as_ref()?);
+        let limits = self.limits(problem);
+        // Twice the logarithm of the ratio of likelihoods, noise of unknown variance in each channel.
+        let mut worse = 0.0;
+        for c in 0..CHANNELS {
+            let least = EXPLAINED * self.power.sum[c];
+            let [rival, best] = [descent.residuals(), &answer.residuals].map(|of| of.sum[c].max(least));
+            if best > 0.0 {
+                worse += self.power.count[c] * math::ln(rival / best);
+            }
+        }
+        for ((prior, rival), best) in limits.prior.iter().zip(descent.best()).zip(&answer.theta) {
+            worse += prior * (rival * rival - best * best);
+        }
+        worse /= answer.correlation_time;
+        if worse < 0.0 && self.round < ROUNDS {
+            // It is the better explanation: what was found was not the bottom.
+            self.round += 1;
+            self.descent = Some(Refinement::new(descent.best(), limits, self.power, descent.weights()));
+            self.answer = None;
+            self.stage = Stage::Descend;
+            return None;
+        }
+        let rival = Rival {
+            whole: answer.identification.estimate.most_certain().0,
+            damage: losses(descent.best()),
+            loses_by: math::sqrt(worse.max(0.0)),
+        };
+        self.counted(problem, Some(rival))
+    }
+
+    fn spent(&self) -> bool {
+        self.tenths > 10 * MOST_STEPS
+    }
+
+    /// The answer, with what it has cost.
+    fn counted(&self, problem: &Problem<'_>, rival: Option<Rival>) -> Option<Identification> {
+        let samples = problem.recorded().len() as u64;
+        let solve = (10 * samples * u64::from(problem.observation.recorder.steps_per_sample)).max(1);
+        self.answer.as_ref().map(|answer| Identification {
+            rival,
+            forward_solves: u32::try_from(self.tenths.div_ceil(solve)).unwrap_or(u32::MAX),
+            generations: self.search.generations(),
+            ..answer.identification
+        })
     }
 }

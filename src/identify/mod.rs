@@ -1,10 +1,13 @@
 //! Which loss of stiffness, in which elements, makes the bridge move as recorded?
 //!
-//! A damage pattern is judged by simulating the passage with it ([`objective`], the paper's Eq. 46). Two genetic searches
-//! propose patterns as codes of tenths ([`code`]): [`paper_ga`] as published, for comparison, and [`micro_ga`], small
-//! enough for the logger. Both only *ask* for the next pattern's misfit and are *told* it, so a search can be cut
-//! into slices of one forward solve each. [`refine`] goes from the best code to the least-squares damage and its
-//! uncertainty; [`hybrid`] puts the small search and the refinement together, and is what the logger runs.
+//! A hypothesis (damage, and how the train ran: [`unknowns`]) is judged by simulating the passage with it ([`objective`], the
+//! paper's Eq. 46), in a [`pass`] over the samples that can be cut into slices. Two genetic searches propose damage as
+//! codes of tenths ([`code`]): [`paper_ga`] as published, for comparison, and [`micro_ga`], small enough for the logger.
+//! [`refine`] goes from the best code to the least squares. None of these simulates anything: they *ask* and are *told*.
+//! [`hybrid`] puts them together, and is what the logger runs.
+//!
+//! What comes out is a Gaussian about the elements ([`estimate`], on [`quadratic`] and [`interval`]), and [`evidence`] adds those
+//! of many passages up.
 
 pub mod code;
 pub mod estimate;
@@ -14,16 +17,19 @@ pub mod interval;
 pub mod micro_ga;
 pub mod objective;
 pub mod paper_ga;
+pub mod pass;
 mod population;
 pub mod quadratic;
 mod random;
 pub mod refine;
+pub mod unknowns;
 
 pub use code::DamageCode;
 pub use hybrid::{Hybrid, Identification};
 pub use micro_ga::MicroGa;
 pub use objective::Problem;
 pub use paper_ga::PaperGa;
+pub use pass::Pass;
 
 /// A search over damage codes that asks for misfits.
 pub trait CodeSearch {

@@ -1,61 +1,46 @@
-//! From a code to the damage itself: damped Gauss-Newton within bounds, and the uncertainty of what it finds.
+//! From a basin to its bottom: damped Gauss-Newton within bounds.
 //!
 //! ```text
-//! minimise |r(p)|^2,  r = recorded - simulated(p),  p_e = 1 / (1 - d_e),  1 <= p_e <= 1 / (1 - 0.7)
-//! (J^T J + mu diag(J^T J)) step = J^T r,   J = d simulated / d p        (Levenberg, Marquardt)
-//! var(p) = s^2 diag((J^T J)^-1),   s^2 = |r|^2 / (n - elements),   std(d_e) = (1 - d_e)^2 std(p_e)
+//! minimise Q(theta) = sum_c w_c |r_c|^2 + sum_i theta_i^2 / range_i^2,   r = recorded - simulated(theta),  lower <= theta <= upper
+//! (A + mu diag A) step = J^T W r - P theta,   A = J^T W J + P,   J = d simulated / d theta       (Levenberg, Marquardt)
 //! ```
 //!
-//! The unknowns are the elements' flexibilities `p`, not their losses `d`: the girder's deflection is linear in the
-//! flexibilities (exactly so, if it is statically determinate and at rest), and the valley that the descent follows is
-//! straight. In the losses it is bent, and the descent took twice the steps.
+//! Each step is the exact minimum of that quadratic within the bounds ([`Quadratic`]). The weights `w_c` of the channels
+//! follow the residuals: they are set anew where the descent is linearised.
 //!
-//! The columns of `J` are differences between the passage simulated with the pattern and with a little more damage in
-//! one element. All these simulations run side by side, sample by sample, so `J^T J` and `J^T r` are summed as the samples
-//! go by and no Jacobian is stored. That costs `elements + 1` forward solves, and is done only where one solve has shown
-//! that the step is a good one.
-//!
-//! The variances are those of the unbounded problem: an element found at its bound keeps the standard deviation that it
-//! would have inside, which errs on the side of doubt. They rest on the derivatives at the last point but one, which lies
-//! within the last, negligible step.
+//! The descent itself simulates nothing. It says what it wants to know ([`Refinement::wants`]), a probe or the normal
+//! equations at some `theta`, and is told. Normal equations cost several forward solves and are wanted only where a probe has
+//! shown that the step is a good one.
 
-use heapless::Vec;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SMatrix;
 
-use super::objective::Problem;
-use crate::bridge::{Damage, MAX_DAMAGE};
-use crate::capacity::{CHANNELS, ELEMENTS};
-use crate::interaction::SetupError;
-use crate::math;
+use super::estimate::Information;
+use super::objective::{EXPLAINED, Squares};
+use super::pass::Normal;
+use super::quadratic::Quadratic;
+use super::unknowns::{Limits, Theta, losses};
+use crate::capacity::{CHANNELS, ELEMENTS, UNKNOWNS};
 
-/// Step of damage for the differences: large against `f32` rounding (1e-5 of the signal, where half a hundredth of damage
-/// changes it by 5e-4 or more), small against the valley's bend: twice the step left the descent short of the bottom in
-/// 5 of 400 random cases, this one in none of them and none of 400 others.
-const DIFFERENCE: f32 = 0.005;
-/// Forward solves after which the descent stops in any case.
-const MAX_SOLVES: u32 = 280;
-/// Converged when no element's damage moves by more than this, ...
+/// Probes and linearisations after which the descent stops in any case.
+const MOST_TURNS: u32 = 80;
+/// Converged when no element's damage moves by more than this and nothing else by more than [`SMALL_SHIFT`], ...
 const SMALL_STEP: f32 = 5e-4;
-/// ... or the sum of squares falls by less than this part.
-const SMALL_GAIN: f32 = 1e-4;
-/// Nothing is left to gain when this part of the recording's square is unexplained: the square of what `f32` and the
-/// step leave in the solution, 1e-4 of the signal.
-const EXPLAINED: f32 = 1e-8;
+/// A small change of speed, stiffness or load, as a part of them, and of the entry time, s.
+const SMALL_SHIFT: f32 = 1e-4;
+/// ... or a step lets `Q` fall by less than this: a seventh of a standard deviation.
+const SMALL_GAIN: f32 = 0.02;
 /// First damping, its smallest and its largest value.
 const DAMPING: [f32; 3] = [1e-3, 1e-6, 1e3];
 /// A rejected step multiplies the damping by this, one that kept its promise divides by it.
 const DAMPING_FACTOR: f32 = 10.0;
-/// A step keeps its promise if the sum of squares falls by this part of what the linear model said.
+/// A step keeps its promise if `Q` falls by this part of what the linear model said.
 const PROMISE: f32 = 0.5;
 
-type Matrix = SMatrix<f32, ELEMENTS, ELEMENTS>;
-type Vector = SVector<f32, ELEMENTS>;
-
-/// Why the descent ended.
+/// Why a descent ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stop {
-    /// The last step was negligible.
+    /// The last step was negligible, or all is explained.
     Converged,
     /// No step, however short, makes it better.
     NoProgress,
@@ -63,265 +48,227 @@ pub enum Stop {
     Budget,
 }
 
-/// The normal equations at one pattern of flexibilities.
-#[derive(Debug, Clone)]
-struct Normal {
-    flexibility: Vector,
-    sum_of_squares: f32,
-    jtj: Matrix,
-    jtr: Vector,
+/// What a descent wants to know next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Want {
+    /// The residuals' sums of squares at this point.
+    Probe(Theta),
+    /// The normal equations there.
+    Linearise(Theta),
 }
 
-/// What the next slice of the descent does at the trial pattern.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Next {
-    /// One solve: is it better?
-    Probe,
-    /// It is: the normal equations there.
-    Linearise,
-}
-
-/// State of the descent.
+/// State of a descent.
 #[derive(Debug, Clone)]
 pub struct Refinement {
-    trial: Vector,
-    next: Next,
-    /// Fall of the sum of squares that the linear model promises at the trial pattern.
+    limits: Limits,
+    /// Sums of squares of the recording.
+    power: Squares,
+    weights: [f32; CHANNELS],
+    want: Want,
+    /// Fall of `Q` that the linear model promises at the point that is wanted.
     promised: f32,
-    best: Option<Normal>,
     damping: f32,
-    solves: u32,
+    turns: u32,
+    /// The best point so far, its residuals, its `Q`.
+    best: Theta,
+    residuals: Squares,
+    q: f32,
+    /// The normal equations at the best point, or at the one before, if only a negligible step lies between.
+    normal: Quadratic<UNKNOWNS>,
+    /// Where they were set up.
+    linearised: Theta,
 }
 
 impl Refinement {
-    /// A descent that starts from `damage`.
-    pub fn new(damage: Damage<f32>) -> Self {
+    /// A descent that starts from `theta`, with the first weights of the channels.
+    pub fn new(theta: &Theta, limits: Limits, power: Squares, weights: [f32; CHANNELS]) -> Self {
+        let start = limits.nearest(theta);
         Self {
-            trial: Vector::from(damage.map(flexibility)),
-            next: Next::Linearise,
+            limits,
+            power,
+            weights,
+            want: Want::Linearise(start),
             promised: 0.0,
-            best: None,
             damping: DAMPING[0],
-            solves: 0,
+            turns: 0,
+            best: start,
+            residuals: Squares::NONE,
+            q: f32::INFINITY,
+            normal: Quadratic::ZERO,
+            linearised: start,
         }
     }
 
-    /// Forward solves made.
-    pub fn solves(&self) -> u32 {
-        self.solves
+    /// What it wants to know.
+    pub fn wants(&self) -> Want {
+        self.want
     }
 
-    /// One slice, a probe or a linearisation; tells why it was the last, if it was.
-    pub fn advance(&mut self, problem: &Problem<'_>) -> Result<Option<Stop>, SetupError> {
-        let stop = match self.next {
-            Next::Linearise => self.linearise(problem)?,
-            Next::Probe => self.probe(problem)?,
+    /// The unknowns by which it wants to be differentiated.
+    pub fn free(&self) -> [bool; UNKNOWNS] {
+        self.limits.free()
+    }
+
+    /// Weights of the channels.
+    pub fn weights(&self) -> [f32; CHANNELS] {
+        self.weights
+    }
+
+    /// The best point so far.
+    pub fn best(&self) -> &Theta {
+        &self.best
+    }
+
+    /// The residuals' sums of squares there.
+    pub fn residuals(&self) -> &Squares {
+        &self.residuals
+    }
+
+    /// Takes the residuals of the point that it wanted to probe; tells why it was the last, if it was.
+    pub fn told(&mut self, residuals: &Squares) -> Option<Stop> {
+        let Want::Probe(trial) = self.want else {
+            return Some(Stop::NoProgress);
         };
-        Ok(stop.or((self.solves >= MAX_SOLVES).then_some(Stop::Budget)))
-    }
-
-    fn linearise(&mut self, problem: &Problem<'_>) -> Result<Option<Stop>, SetupError> {
-        let found = normal_equations(problem, &self.trial)?;
-        self.solves += problem.bridge.elements as u32 + 1;
-        let explained = explained(problem, found.sum_of_squares);
-        self.best = Some(found);
-        Ok(if explained {
-            Some(Stop::Converged)
-        } else {
-            self.aim(problem)
-        })
-    }
-
-    fn probe(&mut self, problem: &Problem<'_>) -> Result<Option<Stop>, SetupError> {
-        let sum_of_squares = problem.misfit(&losses(&self.trial))? * problem.count();
-        self.solves += 1;
-        let Some(best) = &mut self.best else {
-            return Ok(Some(Stop::NoProgress));
-        };
-        let fall = best.sum_of_squares - sum_of_squares;
+        let q = self.objective(&trial, residuals);
+        let fall = self.q - q;
         if fall.is_nan() || fall <= 0.0 {
             self.damping *= DAMPING_FACTOR;
-            return Ok(if self.damping > DAMPING[2] {
+            return if self.damping > DAMPING[2] {
                 Some(Stop::NoProgress)
             } else {
-                self.aim(problem)
-            });
+                self.aim()
+            };
         }
         if fall > PROMISE * self.promised {
             self.damping = (self.damping / DAMPING_FACTOR).max(DAMPING[1]);
         }
-        let negligible =
-            moves_less(&self.trial, &best.flexibility, SMALL_STEP) || fall < SMALL_GAIN * best.sum_of_squares;
-        if negligible || explained(problem, sum_of_squares) {
-            best.flexibility = self.trial;
-            best.sum_of_squares = sum_of_squares;
-            return Ok(Some(Stop::Converged));
+        let negligible = alike(&trial, &self.best, 1.0) || fall < SMALL_GAIN;
+        self.best = trial;
+        self.residuals = *residuals;
+        self.q = q;
+        if negligible || self.explained() {
+            return Some(Stop::Converged);
         }
-        self.next = Next::Linearise;
-        Ok(None)
+        self.weights = residuals.weights(&self.power);
+        self.want = Want::Linearise(trial);
+        None
     }
 
-    /// Chooses the next trial pattern from the best one; tells if it is the same.
-    fn aim(&mut self, problem: &Problem<'_>) -> Option<Stop> {
-        let best = self.best.as_ref()?;
-        self.trial = bounded_step(best, self.damping, problem.bridge.elements);
-        let step = self.trial - best.flexibility;
-        self.promised = 2.0 * step.dot(&best.jtr) - step.dot(&product(&best.jtj, &step));
-        self.next = Next::Probe;
-        moves_less(&self.trial, &best.flexibility, SMALL_STEP / 10.0).then_some(Stop::Converged)
+    /// Takes the normal equations that it wanted; tells why they were the last, if they were.
+    pub fn told_normal(&mut self, normal: &Normal) -> Option<Stop> {
+        self.best = normal.theta;
+        self.linearised = normal.theta;
+        self.residuals = normal.residuals;
+        self.normal = Quadratic {
+            matrix: normal.matrix,
+            vector: normal.vector,
+        }
+        .mirrored();
+        self.q = self.objective(&normal.theta, &normal.residuals);
+        if self.explained() {
+            return Some(Stop::Converged);
+        }
+        self.aim()
     }
 
-    /// The best damage so far, its standard deviations, and its misfit in (m/s²)²; none before the first slice, or if the
-    /// recording says nothing of some element.
-    pub fn estimate(&self, problem: &Problem<'_>) -> Option<(Damage<f32>, Damage<f32>, f32)> {
-        let best = self.best.as_ref()?;
-        let elements = problem.bridge.elements;
-        let variance = best.sum_of_squares / (problem.count() - elements as f32).max(1.0);
-        let regular = with_identity(best.jtj, |e| e < elements);
-        let inverse = regular.cholesky()?.inverse();
-        let damage = losses(&best.flexibility);
-        let std = core::array::from_fn(|e| {
-            if e < elements {
-                let left = 1.0 - damage[e];
-                left * left * math::sqrt((variance * inverse[(e, e)]).max(0.0))
-            } else {
-                0.0
-            }
-        });
-        Some((damage, std, best.sum_of_squares / problem.count()))
+    /// `Q`.
+    fn objective(&self, theta: &Theta, residuals: &Squares) -> f32 {
+        let mut q = residuals.weighted(&self.weights);
+        for (&value, &prior) in theta.iter().zip(&self.limits.prior) {
+            q += prior * value * value;
+        }
+        q
     }
-}
 
-/// Flexibility of an element that has lost the fraction `loss` of its stiffness, in units of the whole one's.
-fn flexibility(loss: f32) -> f32 {
-    1.0 / (1.0 - loss.clamp(0.0, MAX_DAMAGE as f32))
-}
-
-/// Fractions of stiffness lost, from flexibilities.
-fn losses(flexibility: &Vector) -> Damage<f32> {
-    core::array::from_fn(|e| (1.0 - 1.0 / flexibility[e]).clamp(0.0, MAX_DAMAGE as f32))
-}
-
-/// Whether no element's damage differs by `limit` or more.
-fn moves_less(a: &Vector, b: &Vector, limit: f32) -> bool {
-    losses(a).iter().zip(&losses(b)).all(|(a, b)| (a - b).abs() < limit)
-}
-
-fn explained(problem: &Problem<'_>, sum_of_squares: f32) -> bool {
-    sum_of_squares < EXPLAINED * problem.mean_square() * problem.count()
-}
-
-/// `matrix vector`, written out so that no kernel fuses it.
-fn product(matrix: &Matrix, vector: &Vector) -> Vector {
-    let mut sum = Vector::zeros();
-    for (column, &factor) in matrix.column_iter().zip(vector.iter()) {
-        sum.axpy(factor, &column, 1.0);
+    fn explained(&self) -> bool {
+        self.residuals.unexplained(&self.power) < EXPLAINED
     }
-    sum
-}
 
-/// Simulates the pattern and its neighbours side by side and sums the normal equations.
-// Not inlined: its frame, a simulation for each element, must not stand on the stack while anything else runs.
-#[inline(never)]
-fn normal_equations(problem: &Problem<'_>, at: &Vector) -> Result<Normal, SetupError> {
-    let elements = problem.bridge.elements.min(ELEMENTS);
-    let damage = losses(at);
-    let mut base = problem.simulate(&damage)?;
-    let mut neighbours: Vec<_, ELEMENTS> = Vec::new();
-    let mut differences = [0.0; ELEMENTS];
-    for (element, difference) in differences.iter_mut().enumerate().take(elements) {
-        let mut pattern = damage;
-        pattern[element] += if damage[element] + DIFFERENCE > MAX_DAMAGE as f32 {
-            -DIFFERENCE
-        } else {
-            DIFFERENCE
+    /// Chooses the next trial point from the best one; tells if there is none.
+    fn aim(&mut self) -> Option<Stop> {
+        self.turns += 1;
+        if self.turns > MOST_TURNS {
+            return Some(Stop::Budget);
+        }
+        let mut model = self.normal;
+        for i in 0..UNKNOWNS {
+            model.matrix[(i, i)] += self.limits.prior[i];
+            model.vector[i] -= self.limits.prior[i] * self.best[i];
+        }
+        let undamped = model;
+        for i in 0..UNKNOWNS {
+            model.matrix[(i, i)] *= 1.0 + self.damping;
+        }
+        let lower = core::array::from_fn(|i| self.limits.lower[i] - self.best[i]);
+        let upper = core::array::from_fn(|i| self.limits.upper[i] - self.best[i]);
+        let Some(minimum) = (model.minimum(&lower, &upper)).or_else(|| model.small_minimum(&lower, &upper)) else {
+            return Some(Stop::NoProgress);
         };
-        *difference = flexibility(pattern[element]) - flexibility(damage[element]);
-        // There is room for every element.
-        let _ = neighbours.push(problem.simulate(&pattern)?);
+        let trial = self.limits.nearest(&(self.best + minimum.at));
+        self.promised = -2.0 * undamped.value(&minimum.at);
+        let still = alike(&trial, &self.best, 0.1);
+        self.want = Want::Probe(trial);
+        still.then_some(Stop::Converged)
     }
-    let mut normal = Normal {
-        flexibility: *at,
-        sum_of_squares: 0.0,
-        jtj: Matrix::zeros(),
-        jtr: Vector::zeros(),
-    };
-    for recorded in problem.recorded() {
-        let simulated = base.sample(problem.observation);
-        let mut rows = [Vector::zeros(); CHANNELS];
-        for (element, neighbour) in neighbours.iter_mut().enumerate() {
-            for ((row, value), centre) in rows
-                .iter_mut()
-                .zip(neighbour.sample(problem.observation))
-                .zip(simulated)
-            {
-                row[element] = (value - centre) / differences[element];
-            }
-        }
-        for ((row, f), simulated) in rows.iter().zip(recorded).zip(simulated) {
-            if f.is_nan() {
+
+    /// What the passage says of the elements' flexibilities, whatever the other unknowns are; the residuals say as much as
+    /// one independent value each `correlation_time`.
+    ///
+    /// The other unknowns are eliminated (Schur's complement). The residuals' variance is their mean square where the
+    /// normal equations were set up, enlarged by `n / (n - free unknowns)` for what the unknowns have explained of it.
+    pub fn information(&self, correlation_time: f32) -> Information {
+        let mut all = self.whole(correlation_time);
+        for n in ELEMENTS..UNKNOWNS {
+            let pivot = all.matrix[(n, n)];
+            if pivot <= 0.0 {
                 continue;
             }
-            let residual = f - simulated;
-            normal.sum_of_squares += residual * residual;
-            normal.jtr.axpy(residual, row, 1.0);
-            normal.jtj.ger(1.0, row, row, 1.0);
+            let (column, value) = (all.matrix.column(n).into_owned(), all.vector[n]);
+            for j in 0..UNKNOWNS {
+                let part = column[j] / pivot;
+                for i in 0..UNKNOWNS {
+                    all.matrix[(i, j)] -= column[i] * part;
+                }
+                all.vector[j] -= part * value;
+            }
+        }
+        Information {
+            matrix: SMatrix::from_fn(|i, j| all.matrix[(i, j)]),
+            vector: nalgebra::SVector::from_fn(|i, _| all.vector[i]),
         }
     }
-    Ok(normal)
-}
 
-/// The flexibilities after the best damped step within the bounds: elements that would leave them are held there, one
-/// after the other.
-fn bounded_step(at: &Normal, damping: f32, elements: usize) -> Vector {
-    let bounds = [flexibility(0.0), flexibility(MAX_DAMAGE as f32)];
-    let mut held: [Option<f32>; ELEMENTS] = core::array::from_fn(|e| (e >= elements).then_some(0.0));
-    for _ in 0..=ELEMENTS {
-        let mut matrix = at.jtj;
-        let mut right = at.jtr;
-        for e in 0..ELEMENTS {
-            matrix[(e, e)] *= 1.0 + damping;
-        }
-        for (e, step) in held.iter().enumerate() {
-            if let Some(step) = step {
-                right.axpy(-step, &at.jtj.column(e), 1.0);
-            }
-        }
-        for (e, step) in held.iter().enumerate() {
-            if step.is_some() {
-                right[e] = 0.0;
-            }
-        }
-        let Some(factor) = with_identity(matrix, |e| held[e].is_none()).cholesky() else {
-            return at.flexibility;
+    /// Standard deviation of each unknown, all others unknown.
+    pub fn deviations(&self, correlation_time: f32) -> Theta {
+        let variances = self.whole(correlation_time).variances();
+        variances.map_or(Theta::repeat(f32::INFINITY), |variances| {
+            variances.map(crate::math::sqrt)
+        })
+    }
+
+    /// The information of all unknowns, priors included.
+    fn whole(&self, correlation_time: f32) -> Quadratic<UNKNOWNS> {
+        let free = self.free();
+        let unknowns = free.iter().filter(|&&free| free).count() as f32;
+        let values = self.power.values();
+        let scale = ((values - unknowns) / values).max(0.0) / correlation_time;
+        // The linear model's right-hand side about 0: A theta + J^T W r, and the slope is A theta - J^T W r.
+        let about_zero = self.normal.slope(&self.linearised) + self.normal.vector * 2.0;
+        let mut all = Quadratic {
+            matrix: self.normal.matrix * scale,
+            vector: about_zero * scale,
         };
-        let solution = factor.solve(&right);
-        let mut worst: Option<(usize, f32, f32)> = None;
-        let mut moved = at.flexibility;
-        for e in 0..elements {
-            let goal = at.flexibility[e] + held[e].unwrap_or(solution[e]);
-            moved[e] = goal.clamp(bounds[0], bounds[1]);
-            let beyond = (goal - moved[e]).abs();
-            if held[e].is_none() && beyond > worst.map_or(0.0, |(_, beyond, _)| beyond) {
-                worst = Some((e, beyond, moved[e] - at.flexibility[e]));
-            }
+        for i in 0..UNKNOWNS {
+            all.matrix[(i, i)] += self.limits.prior[i];
         }
-        match worst {
-            None => return moved,
-            Some((e, _, step)) => held[e] = Some(step),
-        }
+        all
     }
-    at.flexibility
 }
 
-/// The matrix with the rows and columns of those that are not free replaced by the identity's.
-fn with_identity(mut matrix: Matrix, free: impl Fn(usize) -> bool) -> Matrix {
-    for e in (0..ELEMENTS).filter(|&e| !free(e)) {
-        for other in 0..ELEMENTS {
-            matrix[(e, other)] = 0.0;
-            matrix[(other, e)] = 0.0;
-        }
-        matrix[(e, e)] = 1.0;
-    }
-    matrix
+/// Whether `a` and `b` differ by less than `part` of what is small.
+fn alike(a: &Theta, b: &Theta, part: f32) -> bool {
+    let losses = losses(a).into_iter().zip(losses(b));
+    let others = a.iter().zip(b.iter()).skip(ELEMENTS);
+    losses.into_iter().all(|(a, b)| (a - b).abs() < part * SMALL_STEP)
+        && others.into_iter().all(|(a, b)| (a - b).abs() < part * SMALL_SHIFT)
 }

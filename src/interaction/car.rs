@@ -70,14 +70,11 @@ pub struct CarState<T: Real, const D: usize> {
 
 impl<T: Real, const D: usize> CarState<T, D> {
     /// A car at rest in its static balance.
-    pub fn at_rest() -> Self {
-        let zero = [T::zero(); D];
-        Self {
-            position: zero,
-            velocity: zero,
-            acceleration: zero,
-        }
-    }
+    pub const AT_REST: Self = Self {
+        position: [T::ZERO; D],
+        velocity: [T::ZERO; D],
+        acceleration: [T::ZERO; D],
+    };
 
     /// Place of each degree of freedom, m (rad) from static balance.
     pub fn position(&self) -> &[T] {

@@ -91,10 +91,10 @@ impl<T: Real> Turn<T> {
     }
 }
 
-/// A simulation with its derivatives by the unknowns.
+/// The derivatives of a [`Simulation`] by the unknowns, followed step by step. Large: it belongs in static memory, and
+/// [`Self::begin`] makes it ready in place.
 #[derive(Debug, Clone)]
 pub struct Sensitivities<T: Real, const M: usize> {
-    simulation: Simulation<T, M>,
     shares: [[T; M]; FACTORS],
     remainders: [Remainder<T>; FACTORS],
     factor_element: [u8; FACTORS],
@@ -106,15 +106,13 @@ pub struct Sensitivities<T: Real, const M: usize> {
 }
 
 impl<T: Real, const M: usize> Tangent<T, M> {
-    fn at_rest() -> Self {
-        Self {
-            position: [T::zero(); M],
-            velocity: [T::zero(); M],
-            acceleration: [T::zero(); M],
-            cars: [CarState::at_rest(); CARS_ON_BRIDGE],
-            filters: [AntiAliasState::default(); CHANNELS],
-        }
-    }
+    const AT_REST: Self = Self {
+        position: [T::ZERO; M],
+        velocity: [T::ZERO; M],
+        acceleration: [T::ZERO; M],
+        cars: [CarState::AT_REST; CARS_ON_BRIDGE],
+        filters: [AntiAliasState::AT_REST; CHANNELS],
+    };
 
     /// Follows a step that `base` has made.
     fn step(
@@ -143,7 +141,7 @@ impl<T: Real, const M: usize> Tangent<T, M> {
         for (slot, (index, (_, car, steps))) in aboard() {
             let state = &mut self.cars[index % CARS_ON_BRIDGE];
             if index >= coupling.entered {
-                *state = CarState::at_rest();
+                *state = CarState::AT_REST;
             }
             let mut leads = [Lead::still(); CONTACTS];
             for i in coupling.on[slot].clone() {
@@ -290,51 +288,73 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
 }
 
 impl<T: Real, const M: usize> Sensitivities<T, M> {
-    /// The simulation of a hypothesis, with derivatives by the unknowns that are `free`.
-    pub fn new(
+    /// Of nothing yet.
+    pub const NONE: Self = Self {
+        shares: [[T::ZERO; M]; FACTORS],
+        remainders: [Remainder::NONE; FACTORS],
+        factor_element: [0; FACTORS],
+        factor_count: 0,
+        p2: T::ZERO,
+        free: [false; UNKNOWNS],
+        tangents: [Tangent::AT_REST; UNKNOWNS],
+    };
+
+    /// Begins with a hypothesis, whose simulation it gives; to be differentiated by the unknowns that are `free`.
+    pub fn begin(
+        &mut self,
         bridge: &ReducedBridge<T>,
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
-        free: [bool; UNKNOWNS],
-    ) -> Result<Self, SetupError> {
+        free: &[bool; UNKNOWNS],
+    ) -> Result<Simulation<T, M>, SetupError> {
         let modes = Eigenmodes::new(bridge, &hypothesis.damage);
-        let mut shares = modes.shares(bridge);
-        let mut remainders = modes.remainders(bridge, M, &observed.places());
+        modes.shares(bridge, &mut self.shares);
+        modes.remainders(bridge, M, &observed.places(), &mut self.remainders);
         let root = hypothesis.stiffness.sqrt();
-        for (share, remainder) in shares.iter_mut().zip(&mut remainders) {
+        for (share, remainder) in self.shares.iter_mut().zip(&mut self.remainders) {
             *share = share.map(|u| u * root);
             remainder.path = remainder.path.map(|node| node.map(|g| g / root));
             remainder.sensors = remainder.sensors.map(|g| g / root);
         }
-        Ok(Self {
-            simulation: Simulation::of(&modes, bridge, hypothesis, observed)?,
-            shares,
-            remainders,
-            factor_element: bridge.factor_element,
-            factor_count: bridge.factor_count,
-            p2: bridge.rayleigh[1],
-            free,
-            tangents: [Tangent::at_rest(); UNKNOWNS],
-        })
+        self.factor_element = bridge.factor_element;
+        self.factor_count = bridge.factor_count.min(FACTORS);
+        self.p2 = bridge.rayleigh[1];
+        self.free = *free;
+        self.tangents.fill(Tangent::AT_REST);
+        Simulation::of(&modes, bridge, hypothesis, observed)
     }
 
-    /// The next sample of all channels, m/s² (m), and its derivatives by each unknown, zero by those that are not free.
-    pub fn sample(&mut self, observed: &Observation<T>) -> ([T; CHANNELS], [[T; UNKNOWNS]; CHANNELS]) {
+    /// Number of unknowns that are differentiated by.
+    pub fn free(&self) -> u32 {
+        self.free.iter().map(|&free| u32::from(free)).sum()
+    }
+
+    /// The next sample of all channels of the simulation, m/s² (m), and its derivatives by each unknown, zero by those that are
+    /// not free.
+    pub fn sample(
+        &mut self,
+        simulation: &mut Simulation<T, M>,
+        observed: &Observation<T>,
+    ) -> ([T; CHANNELS], [[T; UNKNOWNS]; CHANNELS]) {
         let mut sample = [T::zero(); CHANNELS];
         let mut rows = [[T::zero(); UNKNOWNS]; CHANNELS];
-        if self.simulation.start() {
+        if simulation.start() {
             for _ in 0..observed.recorder.steps_per_sample {
-                self.step(observed, &mut rows);
-                self.simulation.record(observed, &mut sample);
+                self.step(&mut simulation.interaction, observed, &mut rows);
+                simulation.record(observed, &mut sample);
             }
         }
         (sample, rows)
     }
 
-    fn step(&mut self, observed: &Observation<T>, rows: &mut [[T; UNKNOWNS]; CHANNELS]) {
+    fn step(
+        &mut self,
+        base: &mut PlanarInteraction<T, M>,
+        observed: &Observation<T>,
+        rows: &mut [[T; UNKNOWNS]; CHANNELS],
+    ) {
         let mut coupling = Coupling::none();
         let cars = &observed.cars;
-        let base = &mut self.simulation.interaction;
         base.step_coupled(cars, &mut coupling);
         let base = &*base;
         let forces = forces(base, cars, &coupling);

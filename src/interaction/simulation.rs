@@ -148,7 +148,7 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         let modal = ModalBridge::of(modes, bridge, hypothesis.stiffness, &observed.places());
         Ok(Self {
             interaction: PlanarInteraction::new(modal, Smooth, &observed.cars, hypothesis.run)?,
-            states: [AntiAliasState::default(); CHANNELS],
+            states: [AntiAliasState::AT_REST; CHANNELS],
             started: false,
         })
     }

@@ -285,7 +285,7 @@ where
             position: SVector::zeros(),
             velocity: SVector::zeros(),
             acceleration: SVector::zeros(),
-            cars: [CarState::at_rest(); A],
+            cars: [CarState::AT_REST; A],
             entered: 0,
             left: 0,
         };
@@ -519,7 +519,7 @@ where
 
     /// State of a car that has just reached the bridge, after its approach over the irregular track.
     fn approach(&self, place: &Place<T>, car: &Car<T, D, C>, steps: &CarSteps<T, D, C>) -> CarState<T, D> {
-        let mut state = CarState::at_rest();
+        let mut state = CarState::AT_REST;
         let Some(begin) = self.first_way() else {
             return state;
         };

@@ -163,12 +163,12 @@ fn the_loggers_f32_is_good_to_one_part_in_ten_thousand_below_40_hz() {
 }
 
 fn band_f64(signal: &[f64], step_s: f64) -> Vec<f64> {
-    let (filter, mut state) = (AntiAlias::new(Some(40.0), step_s), AntiAliasState::default());
+    let (filter, mut state) = (AntiAlias::new(Some(40.0), step_s), AntiAliasState::AT_REST);
     signal.iter().map(|&v| filter.apply(&mut state, v)).collect()
 }
 
 fn band_f32(signal: &[f64], step_s: f64) -> Vec<f64> {
-    let (filter, mut state) = (AntiAlias::new(Some(40.0_f32), step_s as f32), AntiAliasState::default());
+    let (filter, mut state) = (AntiAlias::new(Some(40.0_f32), step_s as f32), AntiAliasState::AT_REST);
     signal
         .iter()
         .map(|&v| f64::from(filter.apply(&mut state, v as f32)))

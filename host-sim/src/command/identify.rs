@@ -82,7 +82,7 @@ fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::V
 }
 
 fn in_words(found: &Found, observed: &Observed) -> String {
-    let unexplained = words::percent(f64::from(found.objective / observed.problem().mean_square()));
+    let unexplained = words::percent(f64::from(found.objective / observed.problem().power().mean()));
     if found.explained == Some(false) {
         return format!(
             "No damage explains this passage: the best leaves {unexplained} of the signal's power unexplained. Check train, \

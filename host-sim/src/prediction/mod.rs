@@ -12,7 +12,7 @@ pub const LEAST_PART: f64 = 1e-3;
 
 /// A signal in steps of `step_s` behind a recorder's low-pass (4th-order Butterworth, causal).
 pub fn low_passed(signal: &[f64], cutoff_hz: f64, step_s: f64) -> Vec<f64> {
-    let (filter, mut state) = (AntiAlias::new(Some(cutoff_hz), step_s), AntiAliasState::default());
+    let (filter, mut state) = (AntiAlias::new(Some(cutoff_hz), step_s), AntiAliasState::AT_REST);
     signal.iter().map(|&value| filter.apply(&mut state, value)).collect()
 }
 

@@ -169,7 +169,7 @@ impl Reference {
 
 /// What a recorder of 40 Hz keeps of a signal in steps of `step_s`: every `every`-th.
 fn recorded(signal: &[f64], step_s: f64, every: usize) -> Vec<f64> {
-    let (filter, mut state) = (AntiAlias::new(Some(40.0), step_s), AntiAliasState::default());
+    let (filter, mut state) = (AntiAlias::new(Some(40.0), step_s), AntiAliasState::AT_REST);
     let filtered: Vec<f64> = signal.iter().map(|&value| filter.apply(&mut state, value)).collect();
     filtered.into_iter().step_by(every).collect()
 }

@@ -1,0 +1,386 @@
+//! One pass over the recorded samples, cut into slices: what a search asks of the physics.
+//!
+//! A pass simulates the passage by a hypothesis and sums something up as the samples go by; nothing of the simulation is stored.
+//!
+//! | pass | sums | cost, forward solves |
+//! |---|---|---|
+//! | comparison | residuals, and products with the recording shifted in time | 1 |
+//! | linearisation | the normal equations | 1 + [`TANGENT`] for each free unknown |
+//! | correlation | products of the residuals with earlier ones | 1 |
+
+use nalgebra::SMatrix;
+
+use super::objective::{Problem, Squares, residual};
+use super::unknowns::{Theta, derivatives, hypothesis};
+use crate::capacity::{CHANNELS, MODES, UNKNOWNS};
+use crate::interaction::{Sensitivities, SetupError, Simulation};
+use crate::slot::Slot;
+
+/// Forward solves, in tenths, that following one derivative through a passage costs (docs/benchmarks.md).
+pub const TANGENT_TENTHS: u32 = 4;
+/// Shifts to either side that a comparison looks at, at most.
+pub const MOST_SHIFTS: usize = 128;
+/// Lags of the residuals' correlation that are looked at: a second at 200 Hz, in which the free vibration of a bridge loses a
+/// third.
+const LAGS: usize = 200;
+/// Solver steps that a slice is worth: some 3 million instructions on the logger.
+const SLICE_STEPS: u32 = 500;
+
+/// Memory of a pass. Large: it belongs in static memory.
+#[derive(Debug, Clone)]
+pub struct Pass {
+    simulation: Slot<Simulation<f32, MODES>>,
+    sensitivities: Sensitivities<f32, MODES>,
+    /// Samples that have gone by.
+    row: usize,
+    sums: Sums,
+    /// Cost so far, tenths of a solver step.
+    tenths: u64,
+}
+
+#[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "one place in static memory, whichever it is")]
+enum Sums {
+    Nothing,
+    Comparison(Comparison),
+    Linearisation(Normal, [f32; CHANNELS]),
+    Correlation(Correlation),
+}
+
+/// What a pass has found.
+#[derive(Debug)]
+pub enum Found<'a> {
+    /// There was none.
+    Nothing,
+    /// Of a comparison.
+    Comparison(&'a Comparison),
+    /// Of a linearisation.
+    Normal(&'a Normal),
+    /// How many residuals say as much as one independent one.
+    CorrelationTime(f32),
+}
+
+/// Recorded and simulated motion side by side.
+#[derive(Debug, Clone)]
+pub struct Comparison {
+    /// Of the residuals.
+    pub residuals: Squares,
+    /// Weights of the channels in what follows.
+    weights: [f32; CHANNELS],
+    shifts: Shifts,
+    /// `sum f_(i + shift) f*_i` of each shift, the earliest first.
+    products: [f32; 2 * MOST_SHIFTS + 1],
+    /// `sum f*_i^2`.
+    energy: f32,
+    /// `sum f_i^2`.
+    power: f32,
+}
+
+/// Shifts in time at which a comparison looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shifts {
+    /// To either side, at most [`MOST_SHIFTS`].
+    pub half: usize,
+    /// Samples from one to the next.
+    pub stride: usize,
+}
+
+impl Shifts {
+    /// None but 0.
+    pub const NONE: Self = Self { half: 0, stride: 1 };
+}
+
+/// The shift and the load with which a simulation fits best.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alignment {
+    /// Samples by which the recording is later.
+    pub samples: isize,
+    /// Factor of the simulation.
+    pub load: f32,
+    /// Weighted sum of squares that is left.
+    pub left: f32,
+}
+
+/// The normal equations of the least squares at one `theta`: `J^T W J` and `J^T W r`.
+#[derive(Debug, Clone)]
+pub struct Normal {
+    /// Where.
+    pub theta: Theta,
+    /// Derivatives of what the physics differentiates by, by `theta`.
+    by: Theta,
+    /// Of the residuals, not weighted.
+    pub residuals: Squares,
+    /// `J^T W J`, its lower triangle.
+    pub matrix: SMatrix<f32, UNKNOWNS, UNKNOWNS>,
+    /// `J^T W r`.
+    pub vector: Theta,
+}
+
+/// The residuals' correlation in time:
+///
+/// ```text
+/// tau = 1 + 2 sum_k (rho_k^2 - 1/n),   rho_k = sum_i r_i r_i-k / sum_i r_i^2,   k = 1 .. LAGS
+/// ```
+///
+/// near 1 for a sensor's noise, many where the bridge moves otherwise than the model does. The variance of the correlation of two
+/// series is `(1 + 2 sum_k rho_k rho'_k) / n` (Bartlett 1946). Here one is the residual and the other what an element's damage
+/// does to the record; both are motions of the same bridge, so the same `rho` is taken for both. `1/n` is what the square of an
+/// estimated `rho_k` is on average where the true one is 0.
+#[derive(Debug, Clone)]
+struct Correlation {
+    weights: [f32; CHANNELS],
+    /// The latest residuals of each channel, newest first, times the root of its weight.
+    latest: [[f32; LAGS]; CHANNELS],
+    products: [f32; LAGS],
+    squares: f32,
+    count: f32,
+}
+
+impl Default for Pass {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Pass {
+    /// No pass yet.
+    pub const fn new() -> Self {
+        Self {
+            simulation: Slot::Empty,
+            sensitivities: Sensitivities::NONE,
+            row: 0,
+            sums: Sums::Nothing,
+            tenths: 0,
+        }
+    }
+
+    /// Cost of all passes since the last call of this, tenths of a solver step.
+    pub fn take_cost(&mut self) -> u64 {
+        core::mem::take(&mut self.tenths)
+    }
+
+    /// Begins a comparison with `theta`.
+    pub fn compare(
+        &mut self,
+        problem: &Problem<'_>,
+        theta: &Theta,
+        weights: [f32; CHANNELS],
+        shifts: Shifts,
+    ) -> Result<(), SetupError> {
+        self.simulate(problem, theta)?;
+        self.sums = Sums::Comparison(Comparison {
+            residuals: Squares::NONE,
+            weights,
+            shifts: Shifts {
+                half: shifts.half.min(MOST_SHIFTS),
+                stride: shifts.stride.max(1),
+            },
+            products: [0.0; 2 * MOST_SHIFTS + 1],
+            energy: 0.0,
+            power: 0.0,
+        });
+        Ok(())
+    }
+
+    /// Begins a linearisation at `theta` by the unknowns that are `free`.
+    pub fn linearise(
+        &mut self,
+        problem: &Problem<'_>,
+        theta: &Theta,
+        weights: [f32; CHANNELS],
+        free: &[bool; UNKNOWNS],
+    ) -> Result<(), SetupError> {
+        let hypothesis = hypothesis(theta, problem.observation);
+        let simulation = self
+            .sensitivities
+            .begin(problem.bridge, &hypothesis, problem.observation, free)?;
+        self.simulation = Slot::Full(simulation);
+        self.row = 0;
+        let normal = Normal {
+            theta: *theta,
+            by: derivatives(theta),
+            residuals: Squares::NONE,
+            matrix: SMatrix::zeros(),
+            vector: Theta::zeros(),
+        };
+        self.sums = Sums::Linearisation(normal, weights);
+        Ok(())
+    }
+
+    /// Begins a correlation of the residuals of `theta`.
+    pub fn correlate(
+        &mut self,
+        problem: &Problem<'_>,
+        theta: &Theta,
+        weights: [f32; CHANNELS],
+    ) -> Result<(), SetupError> {
+        self.simulate(problem, theta)?;
+        self.sums = Sums::Correlation(Correlation {
+            weights: weights.map(crate::math::sqrt),
+            latest: [[0.0; LAGS]; CHANNELS],
+            products: [0.0; LAGS],
+            squares: 0.0,
+            count: 0.0,
+        });
+        Ok(())
+    }
+
+    // Not inlined: the eigenproblem must not stand on the stack under the steps.
+    #[inline(never)]
+    fn simulate(&mut self, problem: &Problem<'_>, theta: &Theta) -> Result<(), SetupError> {
+        let simulation = problem.simulate(&hypothesis(theta, problem.observation))?;
+        self.simulation = Slot::Full(simulation);
+        self.row = 0;
+        Ok(())
+    }
+
+    /// Does a slice; true when the pass is over.
+    pub fn advance(&mut self, problem: &Problem<'_>) -> bool {
+        let Some(simulation) = self.simulation.as_mut() else {
+            return true;
+        };
+        let observation = problem.observation;
+        let steps_per_sample = observation.recorder.steps_per_sample.max(1);
+        let cost = match self.sums {
+            Sums::Linearisation(..) => 10 + TANGENT_TENTHS * self.sensitivities.free(),
+            _ => 10,
+        };
+        let rows = (10 * SLICE_STEPS / (cost * steps_per_sample)).max(1) as usize;
+        let mut recorded = problem.recorded().skip(self.row);
+        for _ in 0..rows {
+            let Some(recorded) = recorded.next() else {
+                return true;
+            };
+            match &mut self.sums {
+                Sums::Nothing => return true,
+                Sums::Comparison(comparison) => {
+                    comparison.add(problem, self.row, recorded, &simulation.sample(observation));
+                }
+                Sums::Linearisation(normal, weights) => {
+                    let (sample, rows) = self.sensitivities.sample(simulation, observation);
+                    normal.add(&residual(recorded, &sample), &rows, weights);
+                }
+                Sums::Correlation(correlation) => {
+                    correlation.add(&residual(recorded, &simulation.sample(observation)));
+                }
+            }
+            self.row += 1;
+            self.tenths += u64::from(cost * steps_per_sample);
+        }
+        false
+    }
+
+    /// What the pass that is over has found.
+    pub fn found(&self) -> Found<'_> {
+        match &self.sums {
+            Sums::Nothing => Found::Nothing,
+            Sums::Comparison(comparison) => Found::Comparison(comparison),
+            Sums::Linearisation(normal, _) => Found::Normal(normal),
+            Sums::Correlation(correlation) => Found::CorrelationTime(correlation.time()),
+        }
+    }
+}
+
+impl Comparison {
+    fn add(&mut self, problem: &Problem<'_>, row: usize, recorded: &[f32], simulated: &[f32; CHANNELS]) {
+        self.residuals.add(residual(recorded, simulated));
+        let (channels, Shifts { half, stride }) = (problem.channels(), self.shifts);
+        let first = row as isize - (half * stride) as isize;
+        for (c, (&simulated, &weight)) in simulated.iter().zip(&self.weights).enumerate().take(channels) {
+            let recorded = recorded.get(c).copied().unwrap_or(f32::NAN);
+            if !recorded.is_nan() {
+                self.power += weight * recorded * recorded;
+            }
+            self.energy += weight * simulated * simulated;
+            let weighted = weight * simulated;
+            for (k, product) in self.products.iter_mut().enumerate().take(2 * half + 1) {
+                let Ok(shifted) = usize::try_from(first + (k * stride) as isize) else {
+                    continue;
+                };
+                match problem.samples.get(shifted * channels + c) {
+                    Some(f) if !f.is_nan() => *product += weighted * f,
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    /// The best shift, and the best load between `loads[0]` and `loads[1]`.
+    ///
+    /// ```text
+    /// sum w (f_(i + shift) - k f*_i)^2 = power - 2 k product + k^2 energy,   least at k = product / energy
+    /// ```
+    ///
+    /// On a smooth track all motion is proportional to the load. What is shifted out of the recording counts as not explained.
+    pub fn align(&self, loads: [f32; 2]) -> Alignment {
+        let mut best = Alignment {
+            samples: 0,
+            load: 1.0,
+            left: f32::INFINITY,
+        };
+        let energy = self.energy.max(f32::MIN_POSITIVE);
+        for (k, &product) in self.products.iter().enumerate().take(2 * self.shifts.half + 1) {
+            let load = (product / energy).max(loads[0]).min(loads[1]);
+            let left = self.power - load * (2.0 * product - load * energy);
+            if left < best.left {
+                best = Alignment {
+                    samples: (k as isize - self.shifts.half as isize) * self.shifts.stride as isize,
+                    load,
+                    left,
+                };
+            }
+        }
+        best
+    }
+}
+
+impl Normal {
+    /// Adds a sample.
+    fn add(&mut self, residual: &[f32; CHANNELS], rows: &[[f32; UNKNOWNS]; CHANNELS], weights: &[f32; CHANNELS]) {
+        self.residuals.add(*residual);
+        for ((&r, row), &weight) in residual.iter().zip(rows).zip(weights) {
+            if r.is_nan() || weight == 0.0 {
+                continue;
+            }
+            // From derivatives by what the physics knows to derivatives by `theta`.
+            let row: [f32; UNKNOWNS] = core::array::from_fn(|i| row[i] * self.by[i]);
+            for (j, &left) in row.iter().enumerate() {
+                if left == 0.0 {
+                    continue;
+                }
+                let weighted = weight * left;
+                self.vector[j] += weighted * r;
+                for (i, &right) in row.iter().enumerate().skip(j) {
+                    self.matrix[(i, j)] += weighted * right;
+                }
+            }
+        }
+    }
+}
+
+impl Correlation {
+    fn add(&mut self, residual: &[f32; CHANNELS]) {
+        for ((&residual, &weight), latest) in residual.iter().zip(&self.weights).zip(&mut self.latest) {
+            let known = !residual.is_nan();
+            let residual = if known { weight * residual } else { 0.0 };
+            self.count += if known { 1.0 } else { 0.0 };
+            self.squares += residual * residual;
+            for (product, earlier) in self.products.iter_mut().zip(latest.iter()) {
+                *product += residual * earlier;
+            }
+            latest.copy_within(..LAGS - 1, 1);
+            if let Some(newest) = latest.first_mut() {
+                *newest = residual;
+            }
+        }
+    }
+
+    fn time(&self) -> f32 {
+        let chance = self.count.max(1.0).recip();
+        let sum = self.products.iter().fold(0.0, |sum, product| {
+            let rho = product / self.squares.max(f32::MIN_POSITIVE);
+            sum + rho * rho - chance
+        });
+        1.0 + 2.0 * sum.max(0.0)
+    }
+}
