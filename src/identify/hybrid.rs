@@ -298,10 +298,10 @@ impl Hybrid {
     /// Shifts that cover the range of the entry.
     fn shifts(&self, problem: &Problem<'_>) -> Shifts {
         let samples = problem.observation.ranges.entry_s * problem.observation.recorder.sample_rate_hz;
-        let stride = (samples / MOST_SHIFTS as f32 + 0.999).max(1.0);
+        let stride = ((samples / MOST_SHIFTS as f32 + 0.999) as usize).max(1);
         Shifts {
-            half: (samples / stride + 0.999) as usize,
-            stride: stride as usize,
+            half: (samples / stride as f32 + 0.999) as usize,
+            stride,
         }
     }
 
