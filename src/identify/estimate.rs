@@ -206,10 +206,7 @@ impl Information {
 
     /// Deviations by which `rival`, of a smaller box, is worse than `best`, less what rounding may have made.
     fn deviations(&self, best: &Minimum<ELEMENTS>, rival: &Minimum<ELEMENTS>) -> f32 {
-        let mut evidence = 0.0;
-        for e in 0..ELEMENTS {
-            evidence += self.matrix[(e, e)] * (best.at[e] * best.at[e] + rival.at[e] * rival.at[e]);
-        }
+        let evidence = self.size(&best.at) + self.size(&rival.at);
         let resolution = RESOLUTION.max(best.ridge).max(rival.ridge);
         let rise = self.rise(best, &rival.at) - 0.5 * resolution * evidence;
         math::sqrt((2.0 * rise).max(0.0))

@@ -174,10 +174,15 @@ impl<const N: usize> Quadratic<N> {
         Some(variances)
     }
 
-    /// `v^T A^-1 v`, never more, less where the matrix is singular.
-    pub fn length_squared(&self, vector: &SVector<f32, N>) -> Option<f32> {
-        let factor = self.factor(&self.known(), SINGULAR)?;
+    /// `v^T (A + ridge diag A)^-1 v`, the ridge not less than [`SINGULAR`]: never more than `v^T A^-1 v`.
+    pub fn length_squared(&self, vector: &SVector<f32, N>, ridge: f32) -> Option<f32> {
+        let factor = self.factor(&self.known(), ridge.max(SINGULAR))?;
         Some(vector.dot(&factor.solve(vector)))
+    }
+
+    /// `sum_i A_ii x_i^2`: the size of the terms that a value is made of, and so a measure of its rounding.
+    pub fn size(&self, at: &SVector<f32, N>) -> f32 {
+        self.matrix.diagonal().dot(&at.component_mul(at))
     }
 
     /// Whether all is finite, nothing is said of a variable of which nothing is known, and the matrix
@@ -302,5 +307,211 @@ impl<const N: usize> Quadratic<N> {
             }
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_core::SeedableRng;
+    use rand_xoshiro::Xoshiro128PlusPlus;
+
+    use super::*;
+    use crate::identify::random::{below, unit};
+
+    /// Rise above the true minimum, as part of `sum_i A_ii x_i^2`: what rounding of the matrix itself may make of it.
+    const RISE: f64 = 1e-6;
+    /// Pull of a free variable, and inward pull of a held one, as part of the terms that it is a sum of: a solution of a
+    /// system of fourteen rows, 1e-7 a row, and [`ROUNDING`].
+    const PULL: f64 = 5e-6;
+
+    fn real(quadratic: &Quadratic<14>, i: usize, j: usize) -> f64 {
+        f64::from(quadratic.matrix[(i, j)])
+    }
+
+    /// A random one of `n` variables in units that differ by up to 1e6, its rows as dependent on each other as `common`
+    /// says, and its minimum without bounds well outside of the box for about half of them. Others are zero.
+    fn random(rng: &mut Xoshiro128PlusPlus, n: usize, common: f32) -> (Quadratic<14>, [f32; 14], [f32; 14]) {
+        let mut even = |span: f32| span * (2.0 * unit(rng) - 1.0);
+        let scale: [f32; 14] = core::array::from_fn(|_| libm::powf(10.0, even(3.0)));
+        let goal: [f32; 14] = core::array::from_fn(|_| even(3.0));
+        let mut quadratic = Quadratic::<14>::ZERO;
+        for _ in 0..n + 4 {
+            let shared = even(common);
+            let row = SVector::<f32, 14>::from_fn(|i, _| if i < n { (shared + even(1.0)) / scale[i] } else { 0.0 });
+            let right: f32 = (0..n).map(|i| row[i] * goal[i] * scale[i]).sum();
+            quadratic.matrix.ger(1.0, &row, &row, 1.0);
+            quadratic.vector.axpy(right + even(1.0), &row, 1.0);
+        }
+        let mut lower = [0.0; 14];
+        let mut upper = [0.0; 14];
+        for i in 0..n {
+            match below(rng, 8) {
+                0 => {
+                    lower[i] = -scale[i];
+                    upper[i] = scale[i];
+                }
+                1 => {
+                    lower[i] = 0.5 * scale[i];
+                    upper[i] = lower[i];
+                }
+                _ => upper[i] = 2.0 * scale[i],
+            }
+        }
+        (quadratic, lower, upper)
+    }
+
+    /// The lowest value of all sets of held variables, tried one by one in `f64`.
+    fn enumerated(quadratic: &Quadratic<14>, lower: &[f32; 14], upper: &[f32; 14], n: usize) -> f64 {
+        let mut least = f64::INFINITY;
+        for mut choice in 0..3_usize.pow(n as u32) {
+            let mut matrix = SMatrix::<f64, 14, 14>::identity();
+            let mut right = SVector::<f64, 14>::zeros();
+            for i in 0..n {
+                match choice % 3 {
+                    0 => {
+                        for j in 0..n {
+                            matrix[(i, j)] = real(quadratic, i, j);
+                        }
+                        right[i] = f64::from(quadratic.vector[i]);
+                    }
+                    1 => right[i] = f64::from(lower[i]),
+                    _ => right[i] = f64::from(upper[i]),
+                }
+                choice /= 3;
+            }
+            let Some(at) = matrix.lu().solve(&right) else { continue };
+            let inside = (0..n).all(|i| {
+                let slack = 1e-9 * f64::from(upper[i] - lower[i].min(0.0));
+                at[i] >= f64::from(lower[i]) - slack && at[i] <= f64::from(upper[i]) + slack
+            });
+            if inside {
+                least = least.min(value(quadratic, &at));
+            }
+        }
+        least
+    }
+
+    fn value(quadratic: &Quadratic<14>, at: &SVector<f64, 14>) -> f64 {
+        let mut sum = 0.0;
+        for i in 0..14 {
+            sum -= f64::from(quadratic.vector[i]) * at[i];
+            for j in 0..14 {
+                sum += 0.5 * at[i] * real(quadratic, i, j) * at[j];
+            }
+        }
+        sum
+    }
+
+    #[test]
+    fn the_minimum_is_the_best_of_all_sets_of_held_variables() {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(1);
+        for case in 0..1500 {
+            let n = 4 + case % 3;
+            let common = [0.0, 1.0, 10.0][below(&mut rng, 3)];
+            let (quadratic, lower, upper) = random(&mut rng, n, common);
+            let found = quadratic.minimum(&lower, &upper).expect("definite");
+            assert!(
+                (0..14).all(|i| lower[i] <= found.at[i] && found.at[i] <= upper[i]),
+                "case {case}: in the box"
+            );
+            let size: f64 = (0..n)
+                .map(|i| real(&quadratic, i, i) * f64::from(found.at[i] * found.at[i]))
+                .sum();
+            let rise = value(&quadratic, &found.at.cast()) - enumerated(&quadratic, &lower, &upper, n);
+            assert!(
+                rise.abs() <= RISE * size.max(1.0),
+                "case {case}: {rise:.1e} above, of {size:.1e}"
+            );
+        }
+    }
+
+    fn is_lowest(quadratic: &Quadratic<14>, lower: &[f32; 14], upper: &[f32; 14], at: &SVector<f32, 14>) -> bool {
+        (0..14).all(|i| {
+            let terms = || (0..14).map(|j| real(quadratic, i, j) * f64::from(at[j]));
+            let right = f64::from(quadratic.vector[i]);
+            let pull = terms().sum::<f64>() - right;
+            let rounding = PULL * (terms().map(f64::abs).sum::<f64>() + right.abs());
+            lower[i] == upper[i]
+                || ((pull <= rounding || at[i] == lower[i]) && (pull >= -rounding || at[i] == upper[i]))
+        })
+    }
+
+    #[test]
+    fn no_pull_is_left_in_ten_and_in_fourteen_variables_and_the_search_never_gives_up() {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(2);
+        for case in 0..20_000 {
+            let n = 10 + 4 * (case % 2);
+            let common = [0.0, 1.0, 10.0, 50.0][below(&mut rng, 4)];
+            let (quadratic, lower, upper) = random(&mut rng, n, common);
+            let found = quadratic
+                .minimum(&lower, &upper)
+                .or_else(|| quadratic.small_minimum(&lower, &upper));
+            let found = found.expect("found");
+            if found.ridge == 0.0 {
+                assert!(is_lowest(&quadratic, &lower, &upper, &found.at), "case {case}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_held_by_mistake_is_released() {
+        // From zero the way first leads out of the box in the second variable, which is inside at the minimum.
+        let mut quadratic = Quadratic::<2>::ZERO;
+        quadratic.matrix = SMatrix::<f32, 2, 2>::new(1.0, 0.9, 0.9, 1.0);
+        quadratic.vector = SVector::<f32, 2>::new(2.9, 3.0);
+        let found = quadratic.minimum(&[-1.0, -1.0], &[1.0, 2.5]).expect("definite");
+        assert_eq!(found.at[0], 1.0);
+        assert!((found.at[1] - 2.1).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_singular_matrix_has_no_minimum_but_a_small_one() {
+        let mut quadratic = Quadratic::<2>::ZERO;
+        quadratic.matrix = SMatrix::<f32, 2, 2>::repeat(4.0);
+        quadratic.vector = SVector::<f32, 2>::repeat(4.0);
+        let (lower, upper) = ([-1.0; 2], [1.0; 2]);
+        assert_eq!(quadratic.minimum(&lower, &upper), None);
+        let found = quadratic.small_minimum(&lower, &upper).expect("found");
+        assert!((found.at[0] - 0.5).abs() < 1e-4 && (found.at[1] - 0.5).abs() < 1e-4);
+        assert_eq!(quadratic.variances(), Some(SVector::repeat(f32::INFINITY)));
+    }
+
+    #[test]
+    fn numbers_that_are_none_have_no_minimum() {
+        for broken in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
+            let mut quadratic = Quadratic::<2>::ZERO;
+            quadratic.matrix = SMatrix::<f32, 2, 2>::new(broken, 0.0, 0.0, 1.0);
+            quadratic.vector = SVector::<f32, 2>::repeat(1.0);
+            assert_eq!(quadratic.minimum(&[0.0; 2], &[1.0; 2]), None, "{broken}");
+        }
+        let mut quadratic = Quadratic::<2>::ZERO;
+        quadratic.matrix = SMatrix::identity();
+        quadratic.vector = SVector::<f32, 2>::repeat(f32::NAN);
+        assert_eq!(quadratic.minimum(&[0.0; 2], &[1.0; 2]), None);
+        assert!(!quadratic.is_information());
+    }
+
+    #[test]
+    fn variances_are_the_inverse_s_diagonal_and_the_centre_solves_the_system() {
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(3);
+        for case in 0..1000 {
+            let (quadratic, ..) = random(&mut rng, 14, 1.0);
+            let matrix = quadratic.matrix.cast::<f64>();
+            let inverse = matrix.try_inverse().expect("definite");
+            let centre = inverse * quadratic.vector.cast::<f64>();
+            let variances = quadratic.variances().expect("definite");
+            let found = quadratic.centre().expect("definite");
+            for i in 0..14 {
+                let deviation = libm::sqrt(inverse[(i, i)]);
+                // A thousandth of a deviation, or of itself: `f32` times the condition number, 1e4 at most here.
+                let off = (f64::from(found[i]) - centre[i]).abs();
+                assert!(
+                    off < 1e-3 * (deviation + centre[i].abs()),
+                    "case {case}: centre off by {off:.1e}"
+                );
+                let ratio = f64::from(variances[i]) / inverse[(i, i)];
+                assert!((ratio - 1.0).abs() < 5e-3, "case {case}: variance off by {ratio}");
+            }
+        }
     }
 }
