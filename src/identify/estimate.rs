@@ -209,7 +209,7 @@ impl Information {
         let evidence = self.size(&best.at) + self.size(&rival.at);
         let resolution = RESOLUTION.max(best.ridge).max(rival.ridge);
         let rise = self.rise(best, &rival.at) - 0.5 * resolution * evidence;
-        math::sqrt((2.0 * rise).max(0.0))
+        if rise > 0.0 { math::sqrt(2.0 * rise) } else { 0.0 }
     }
 }
 
@@ -218,9 +218,13 @@ fn flexibility(loss: f32) -> f32 {
     1.0 / (1.0 - loss) - 1.0
 }
 
-/// Fraction of stiffness lost, from the flexibility gained.
+/// Fraction of stiffness lost, from the flexibility gained. Zero has no sign: it must have the same bits on every machine.
 fn loss(flexibility: f32) -> f32 {
-    (flexibility / (1.0 + flexibility)).clamp(0.0, MAX_DAMAGE as f32)
+    if flexibility > 0.0 {
+        (flexibility / (1.0 + flexibility)).min(MAX_DAMAGE as f32)
+    } else {
+        0.0
+    }
 }
 
 fn losses(flexibility: &SVector<f32, ELEMENTS>) -> Damage<f32> {

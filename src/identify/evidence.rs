@@ -260,22 +260,23 @@ impl Evidence {
 
     /// Takes what one passage says. It must be independent of those before, and its covariance true.
     pub fn add(&mut self, passage: &Information) -> Change {
-        let passage = &passage.mirrored();
-        if !passage.is_information() || !passage.known().contains(&true) {
-            return Change::Unusable;
-        }
         let passage = Memory {
-            information: *passage,
+            information: passage.mirrored(),
             passages: 1.0,
         };
+        if !passage.information.is_information() || !passage.information.known().contains(&true) {
+            return Change::Unusable;
+        }
         if contradict(&passage, &self.long.plus(&self.recent)) {
             let again = self.stranger.filter(|stranger| !contradict(&passage, stranger));
             let Some(first) = again else {
                 self.stranger = Some(passage);
                 return Change::Outlier;
             };
-            *self = Self::new(self.forgetting);
             self.recent = first.plus(&passage);
+            self.long = Memory::EMPTY;
+            self.settling = 0.0;
+            self.stranger = None;
             return Change::Sudden;
         }
         self.stranger = None;

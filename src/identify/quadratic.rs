@@ -27,6 +27,9 @@ use crate::math;
 
 /// Part of a row's diagonal below which its pivot counts as zero: thirty times the rounding of a sum.
 pub const SINGULAR: f32 = 4e-6;
+/// Parts by which a diagonal is raised, the first that helps: a matrix that is the difference of larger ones, as when unknowns were
+/// marginalised, is rounded by more than its own entries tell.
+pub const RIDGES: [f32; 3] = [SINGULAR, 10.0 * SINGULAR, 100.0 * SINGULAR];
 /// Steps for each variable before the search is given up. A hundred thousand random cases took a quarter of it at most.
 const STEPS: usize = 10;
 /// Pulls smaller than this part of the terms they are sums of are rounding: some ten times half an ulp.
@@ -52,7 +55,7 @@ pub struct Minimum<const N: usize> {
     pub at: SVector<f32, N>,
     /// `g` there: zero for the free variables, not inward for those at a bound.
     pub pull: SVector<f32, N>,
-    /// Part by which the diagonal was raised to find it: 0 or [`SINGULAR`].
+    /// Part by which the diagonal was raised to find it: 0, or one of [`RIDGES`].
     pub ridge: f32,
 }
 
@@ -118,10 +121,10 @@ impl<const N: usize> Quadratic<N> {
         self.descend(lower, upper, 0.0)
     }
 
-    /// Like [`Self::minimum`] for a matrix that may be singular: its diagonal is raised by the part [`SINGULAR`], and
-    /// of points that are equally low the one is found that is small.
+    /// Like [`Self::minimum`] for a matrix that may be singular: its diagonal is raised by the part [`SINGULAR`], or
+    /// more if need be ([`RIDGES`]), and of points that are equally low the one is found that is small.
     pub fn small_minimum(&self, lower: &[f32; N], upper: &[f32; N]) -> Option<Minimum<N>> {
-        self.descend(lower, upper, SINGULAR)
+        RIDGES.into_iter().find_map(|ridge| self.descend(lower, upper, ridge))
     }
 
     /// `f(to) - f(from)`, without the difference of two large numbers. `to` must lie in the box of `from`.
@@ -144,7 +147,7 @@ impl<const N: usize> Quadratic<N> {
     /// The diagonal is raised by [`SINGULAR`] and the solution corrected twice for it: directions of which the matrix says
     /// `k` times as much come out right to `k^-3`, those of which it says nothing stay near 0.
     pub fn centre(&self) -> Option<SVector<f32, N>> {
-        let factor = self.factor(&self.known(), SINGULAR)?;
+        let (factor, _) = self.raised(&self.known())?;
         let mut at = factor.solve(&self.vector);
         for _ in 0..CORRECTIONS {
             at -= factor.solve(&self.slope(&at));
@@ -158,7 +161,7 @@ impl<const N: usize> Quadratic<N> {
         let known = self.known();
         let (factor, ridge) = match self.factor(&known, 0.0) {
             Some(factor) => (factor, 0.0),
-            None => (self.factor(&known, SINGULAR)?, SINGULAR),
+            None => self.raised(&known)?,
         };
         let mut variances = SVector::repeat(f32::INFINITY);
         for i in (0..N).filter(|&i| known[i]) {
@@ -176,7 +179,11 @@ impl<const N: usize> Quadratic<N> {
 
     /// `v^T (A + ridge diag A)^-1 v`, the ridge not less than [`SINGULAR`]: never more than `v^T A^-1 v`.
     pub fn length_squared(&self, vector: &SVector<f32, N>, ridge: f32) -> Option<f32> {
-        let factor = self.factor(&self.known(), ridge.max(SINGULAR))?;
+        let known = self.known();
+        let factor = match self.factor(&known, ridge.max(SINGULAR)) {
+            Some(factor) => factor,
+            None => self.raised(&known)?.0,
+        };
         Some(vector.dot(&factor.solve(vector)))
     }
 
@@ -193,7 +200,7 @@ impl<const N: usize> Quadratic<N> {
         let silent = (0..N).filter(|&i| !known[i]).all(|i| {
             self.vector[i] == 0.0 && self.matrix.row(i).iter().all(|&v| v == 0.0) && self.matrix[(i, i)] == 0.0
         });
-        finite && silent && self.factor(&known, SINGULAR).is_some()
+        finite && silent && self.raised(&known).is_some()
     }
 
     /// The variables of which the matrix says something.
@@ -226,6 +233,13 @@ impl<const N: usize> Quadratic<N> {
         (pull, size)
     }
 
+    /// The factor with the diagonal raised as little as need be, and by how much.
+    fn raised(&self, free: &[bool; N]) -> Option<(Factor<N>, f32)> {
+        RIDGES
+            .into_iter()
+            .find_map(|ridge| Some((self.factor(free, ridge)?, ridge)))
+    }
+
     // Not inlined: its matrix must leave the stack before the next is made.
     #[inline(never)]
     fn factor(&self, free: &[bool; N], ridge: f32) -> Option<Factor<N>> {
@@ -247,7 +261,8 @@ impl<const N: usize> Quadratic<N> {
         }
         let cholesky = scaled.cholesky()?;
         let lower = cholesky.l_dirty();
-        let least = SINGULAR - ridge;
+        // A diagonal that was raised need only be definite.
+        let least = if ridge > 0.0 { 0.0 } else { SINGULAR };
         let definite = (0..N).all(|i| lower[(i, i)] * lower[(i, i)] > least);
         definite.then_some(Factor { cholesky, scale })
     }
@@ -256,7 +271,7 @@ impl<const N: usize> Quadratic<N> {
         let mut at = SVector::<f32, N>::zeros();
         let mut free = [false; N];
         for i in 0..N {
-            at[i] = 0.0_f32.max(lower[i]).min(upper[i]);
+            at[i] = within(lower[i], 0.0, upper[i]);
             free[i] = lower[i] < at[i] && at[i] < upper[i];
         }
         for _ in 0..STEPS * N {
@@ -267,7 +282,7 @@ impl<const N: usize> Quadratic<N> {
                 let mut part = 1.0;
                 for i in (0..N).filter(|&i| free[i]) {
                     let goal = at[i] + step[i];
-                    let bound = goal.max(lower[i]).min(upper[i]);
+                    let bound = within(lower[i], goal, upper[i]);
                     if bound != goal {
                         let reached = (bound - at[i]) / step[i];
                         if first.is_none() || reached < part {
@@ -277,7 +292,7 @@ impl<const N: usize> Quadratic<N> {
                     }
                 }
                 for i in (0..N).filter(|&i| free[i]) {
-                    at[i] = (at[i] + part * step[i]).max(lower[i]).min(upper[i]);
+                    at[i] = within(lower[i], at[i] + part * step[i], upper[i]);
                 }
                 if let Some((i, bound)) = first {
                     at[i] = bound;
@@ -287,10 +302,13 @@ impl<const N: usize> Quadratic<N> {
             }
             let (mut pull, size) = self.pull(&at, ridge);
             let mut release: Option<(usize, f32)> = None;
-            for i in (0..N).filter(|&i| !free[i] && lower[i] < upper[i]) {
+            for (i, &diagonal) in self.matrix.diagonal().iter().enumerate() {
+                if free[i] || lower[i] >= upper[i] {
+                    continue;
+                }
                 let inward = if at[i] <= lower[i] { -pull[i] } else { pull[i] };
                 // What the release of this one alone would gain, twice.
-                let gain = inward * inward / self.matrix[(i, i)].max(f32::MIN_POSITIVE);
+                let gain = inward * inward / diagonal.max(f32::MIN_POSITIVE);
                 if inward > ROUNDING * size[i] && release.is_none_or(|(_, most)| gain > most) {
                     release = Some((i, gain));
                 }
@@ -307,6 +325,17 @@ impl<const N: usize> Quadratic<N> {
             }
         }
         None
+    }
+}
+
+/// The nearest to `value` between `lower` and `upper`. Unlike `f32::max`, the same for zeros of either sign on every machine.
+fn within(lower: f32, value: f32, upper: f32) -> f32 {
+    if value < lower {
+        lower
+    } else if value > upper {
+        upper
+    } else {
+        value
     }
 }
 
