@@ -567,9 +567,9 @@ fn intervals_hold_the_true_losses_nineteen_times_of_twenty() {
     const DRAWS: usize = 5000;
     for _ in 0..DRAWS {
         let estimate = passages.information(&x).estimate(ELEMENTS);
-        for e in 0..ELEMENTS {
-            let truth = (x[e] / (1.0 + x[e])) as f32;
-            held += usize::from(estimate.low[e] <= truth && truth <= estimate.high[e]);
+        for ((x, low), high) in x.iter().zip(estimate.low).zip(estimate.high) {
+            let truth = (x / (1.0 + x)) as f32;
+            held += usize::from(low <= truth && truth <= high);
         }
     }
     let coverage = held as f64 / (DRAWS * ELEMENTS) as f64;

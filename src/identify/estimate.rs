@@ -25,7 +25,7 @@
 //! Its significance follows from its definition and is 0 if nothing is known of it.
 //!
 //! Cost: a minimum within bounds ([`super::quadratic`]) for the estimate and one more for each element that has a loss;
-//! about 2 kB of stack.
+//! about 4 kB of stack.
 
 use nalgebra::SVector;
 

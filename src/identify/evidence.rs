@@ -48,7 +48,7 @@
 //!
 //! The passage that is kept aside is not in them; it comes back as never seen.
 //!
-//! Cost: 1.4 kB; 547 bytes written; about 3 kB of stack and ten factors of the matrix a passage.
+//! Cost: 1.4 kB; 547 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
 
 use core::fmt;
 
