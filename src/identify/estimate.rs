@@ -18,6 +18,9 @@
 //! once that nothing has happened in that element, although its deviation is as large. It is the square root of a likelihood
 //! ratio, and equals `x_e / std(x_e)` where no bound and no other element is touched.
 //!
+//! The interval is that of the deviation, and as wide: it may reach down to 0 for an element that is certainly not whole. It
+//! holds the true loss 95 % of the time, and says how much may be lost; the significance says whether anything is.
+//!
 //! What is less than [`RESOLUTION`] of the evidence is not counted in favour of an element's damage, since rounding could
 //! have made it: two explanations that differ by so little are the same.
 //!
