@@ -18,6 +18,9 @@
 //! once that nothing has happened in that element, although its deviation is as large. It is the square root of a likelihood
 //! ratio, and equals `x_e / std(x_e)` where no bound and no other element is touched.
 //!
+//! The interval is that of the deviation, and as wide: it may reach down to 0 for an element that is certainly not whole. It
+//! holds the true loss 95 % of the time, and says how much may be lost; the significance says whether anything is.
+//!
 //! What is less than [`RESOLUTION`] of the evidence is not counted in favour of an element's damage, since rounding could
 //! have made it: two explanations that differ by so little are the same.
 //!
@@ -25,7 +28,7 @@
 //! Its significance follows from its definition and is 0 if nothing is known of it.
 //!
 //! Cost: a minimum within bounds ([`super::quadratic`]) for the estimate and one more for each element that has a loss;
-//! about 2 kB of stack.
+//! about 4 kB of stack.
 
 use nalgebra::SVector;
 
@@ -219,13 +222,10 @@ impl Information {
 
     /// Deviations by which `rival`, of a smaller box, is worse than `best`, less what rounding may have made.
     fn deviations(&self, best: &Minimum<ELEMENTS>, rival: &Minimum<ELEMENTS>) -> f32 {
-        let mut evidence = 0.0;
-        for e in 0..ELEMENTS {
-            evidence += self.matrix[(e, e)] * (best.at[e] * best.at[e] + rival.at[e] * rival.at[e]);
-        }
+        let evidence = self.size(&best.at) + self.size(&rival.at);
         let resolution = RESOLUTION.max(best.ridge).max(rival.ridge);
         let rise = self.rise(best, &rival.at) - 0.5 * resolution * evidence;
-        math::sqrt((2.0 * rise).max(0.0))
+        if rise > 0.0 { math::sqrt(2.0 * rise) } else { 0.0 }
     }
 }
 
@@ -234,9 +234,13 @@ fn flexibility(loss: f32) -> f32 {
     1.0 / (1.0 - loss) - 1.0
 }
 
-/// Fraction of stiffness lost, from the flexibility gained.
+/// Fraction of stiffness lost, from the flexibility gained. Zero has no sign: it must have the same bits on every machine.
 fn loss(flexibility: f32) -> f32 {
-    (flexibility / (1.0 + flexibility)).clamp(0.0, MAX_DAMAGE as f32)
+    if flexibility > 0.0 {
+        (flexibility / (1.0 + flexibility)).min(MAX_DAMAGE as f32)
+    } else {
+        0.0
+    }
 }
 
 fn losses(flexibility: &SVector<f32, ELEMENTS>) -> Damage<f32> {

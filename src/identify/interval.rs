@@ -82,3 +82,110 @@ fn bisect(mut low: f32, mut high: f32, below: impl Fn(f32) -> bool) -> f32 {
     }
     0.5 * (low + high)
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use rand_core::SeedableRng;
+    use rand_xoshiro::Xoshiro128PlusPlus;
+
+    use super::*;
+    use crate::identify::random::unit;
+
+    /// Far above everything tested here.
+    const FREE: f32 = 1e3;
+    /// Steps of the construction by hand, in deviations.
+    const GRID: f64 = 0.005;
+
+    #[test]
+    fn an_interval_holds_the_true_value_nineteen_times_of_twenty_wherever_it_is() {
+        const DRAWS: u32 = 200_000;
+        let mut rng = Xoshiro128PlusPlus::seed_from_u64(4);
+        for mu in [0.0, 0.3, 1.0, 2.0, 3.0, 5.0] {
+            let mut held = 0;
+            for _ in 0..DRAWS {
+                let radius = libm::sqrtf(-2.0 * libm::logf(1.0 - unit(&mut rng)));
+                let x = mu + radius * libm::cosf(core::f32::consts::TAU * unit(&mut rng));
+                let [low, high] = confidence(x, 1.0, FREE);
+                held += u32::from(low <= mu && mu <= high);
+            }
+            let coverage = f64::from(held) / f64::from(DRAWS);
+            // Chance leaves 0.05 %.
+            assert!((0.9475..=0.9525).contains(&coverage), "mu {mu}: {coverage}");
+        }
+    }
+
+    /// The outcomes that `mu` accepts, by adding them up in the order of their likelihood ratios.
+    fn accepted(mu: f64) -> [f64; 2] {
+        let density = |x: f64, mu: f64| libm::exp(-0.5 * (x - mu) * (x - mu));
+        let mut outcomes: Vec<(f64, f64, f64)> = (0..5000)
+            .map(|i| -10.0 + GRID * f64::from(i))
+            .map(|x| (density(x, mu) / density(x, x.max(0.0)), x, density(x, mu)))
+            .collect();
+        outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut sum = 0.0;
+        let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
+        for (_, x, density) in outcomes {
+            sum += density * GRID / libm::sqrt(core::f64::consts::TAU);
+            ends = [ends[0].min(x), ends[1].max(x)];
+            if sum >= 0.95 {
+                break;
+            }
+        }
+        ends
+    }
+
+    #[test]
+    fn ends_are_those_of_the_ordering_principle_carried_out_by_hand() {
+        let belts: Vec<(f64, [f64; 2])> = (0..1800)
+            .map(|i| GRID * f64::from(i))
+            .map(|mu| (mu, accepted(mu)))
+            .collect();
+        for x in [-3.0, -2.0, -1.0, -0.2, 0.0, 0.5, 1.0, 1.7, 2.0, 2.5, 3.0, 3.9, 4.0, 5.0] {
+            let holding = || {
+                belts
+                    .iter()
+                    .filter(|(_, [x1, x2])| (*x1..=*x2).contains(&x))
+                    .map(|(mu, _)| *mu)
+            };
+            let by_hand = [holding().fold(9.0, f64::min), holding().fold(0.0, f64::max)];
+            let found = confidence(x as f32, 1.0, FREE).map(f64::from);
+            for (found, by_hand) in found.into_iter().zip(by_hand) {
+                assert!(
+                    (found - by_hand).abs() < 4.0 * GRID,
+                    "x {x}: {found:.3}, by hand {by_hand:.3}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn ends_rise_with_the_measurement_without_a_jump_and_are_never_empty() {
+        let mut before = confidence(-20.0, 1.0, FREE);
+        for i in 1..4000 {
+            let now = confidence(-20.0 + 0.01 * i as f32, 1.0, FREE);
+            assert!(now[0] < now[1] && now[1] > 0.0, "{now:?}");
+            for (before, now) in before.into_iter().zip(now) {
+                // The lower end leaves zero steeply: an outcome of 1.65 accepts 0.05 no more.
+                assert!(now >= before - 1e-5 && now < before + 0.1, "{before} to {now}");
+            }
+            before = now;
+        }
+    }
+
+    #[test]
+    fn a_scaled_measurement_has_a_scaled_interval_and_none_leaves_everything() {
+        let [low, high] = confidence(2.0, 1.0, FREE);
+        let [scaled_low, scaled_high] = confidence(2e-3, 1e-3, FREE);
+        assert!((scaled_low - 1e-3 * low).abs() < 1e-8 && (scaled_high - 1e-3 * high).abs() < 1e-8);
+        assert_eq!(confidence(2.0, 1.0, 0.1), [0.1, 0.1]);
+        for (x, sigma) in [(f32::NAN, 1.0), (1.0, f32::INFINITY), (1.0, f32::NAN), (1.0, -1.0)] {
+            assert_eq!(confidence(x, sigma, 2.0), [0.0, 2.0]);
+        }
+        assert_eq!(confidence(1.0, 0.0, 2.0), [1.0, 1.0]);
+        assert_eq!(confidence(-1.0, 0.0, 2.0), [0.0, 0.0]);
+    }
+}
