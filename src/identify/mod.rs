@@ -7,6 +7,7 @@
 //! uncertainty; [`hybrid`] puts the small search and the refinement together, and is what the logger runs.
 
 pub mod code;
+pub mod free_vibration;
 pub mod hybrid;
 pub mod micro_ga;
 pub mod objective;
