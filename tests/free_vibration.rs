@@ -364,16 +364,73 @@ fn the_tail_of_a_passage_gives_the_bridges_frequencies_and_damping() {
 }
 
 #[test]
-fn a_train_that_leaves_no_first_mode_gives_none() {
-    for speed_kmh in [252.0, 180.0, 140.0] {
-        for seed in 1..=5 {
-            let scenario = Scenario {
-                speed_kmh,
-                seed,
-                ..passage(&[3, 6, 9], 0.0)
-            };
-            let found = of_passage(&scenario, 10.0);
-            println!("{speed_kmh} km/h, seed {seed}: {found:?}");
+fn a_first_mode_that_the_train_cancels_is_told_truly_or_not_at_all() {
+    // Speeds at which a single load leaves least of girder50's first mode: 2 fn L / 3, 5, 7, 9. What is left, because the bridge
+    // is damped, still stands above 5 % of noise; under ever more noise it is given up, never made up. Only estimates that
+    // happened to stand out are given there, which takes them further from the truth than the noise alone.
+    const WORST: f32 = 4.5;
+    let model = undamaged(&reduced());
+    for speed_kmh in [420.0, 252.0, 180.0, 140.0] {
+        let mut given = vec![];
+        for noise in [0.05, 0.5, 1.0, 2.0, 4.0, 16.0] {
+            let mut count = 0;
+            for seed in 1..=10 {
+                let scenario = Scenario {
+                    speed_kmh,
+                    seed,
+                    noise,
+                    ..passage(&[3, 6, 9], 0.0)
+                };
+                let found = of_passage(&scenario, 10.0);
+                for mode in found.iter().flat_map(|found| &found.modes) {
+                    let off = (mode.frequency_hz - model[mode.mode].frequency_hz) / mode.frequency_std_hz;
+                    assert!(off.abs() < WORST, "{speed_kmh} km/h, noise {noise}: {mode:?}");
+                    count += usize::from(mode.mode == 0);
+                }
+            }
+            given.push(count);
+        }
+        println!("{speed_kmh} km/h: first mode given in {given:?} of 10");
+        assert!(given[0] == 10 && given.last() == Some(&0), "{given:?}");
+    }
+}
+
+#[test]
+fn a_mode_at_rest_is_not_given_and_the_others_are() {
+    let expected = undamaged(&reduced());
+    for resting in 0..3 {
+        for seed in 1..=20 {
+            let mut modes = three();
+            modes[resting].amplitude = [0.0; 3];
+            let found = free_vibration(&noisy(&clean(&modes, 3, 5.0), 0.05, seed), 3, RATE_HZ, &expected).expect("two");
+            let given: Vec<usize> = found.modes.iter().map(|mode| mode.mode).collect();
+            let others: Vec<usize> = (0..3).filter(|&mode| mode != resting).collect();
+            assert_eq!(given, others, "seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn without_noise_no_more_is_stated_than_single_precision_knows() {
+    // What remains of the fourth mode (56 Hz, damped by the recorder and fast by itself) is not noise and not modelled; it moves
+    // the second and third by less than a hundred-thousandth.
+    const UNMODELLED: f32 = 1e-5;
+    let bridge = reduced();
+    for loss in [0.0, 0.3] {
+        let scenario = Scenario {
+            noise: 0.0,
+            ..passage(&[3, 6, 9], loss)
+        };
+        let found = of_passage(&scenario, 10.0).expect("a vibration");
+        let model = expected(&bridge, &damage(&[(5, loss as f32)]), BAND_HZ, SEARCHED);
+        for mode in &found.modes {
+            let truth = model[mode.mode];
+            let off = mode.frequency_hz - truth.frequency_hz;
+            println!(
+                "{mode:?}, off by {off:e} Hz, {:e}",
+                mode.damping_ratio - truth.damping_ratio
+            );
+            assert!(off.abs() < DEVIATIONS * mode.frequency_std_hz + UNMODELLED * truth.frequency_hz);
         }
     }
 }
@@ -389,7 +446,7 @@ fn noise_alone_and_what_does_not_decay_give_nothing() {
             assert_eq!(free_vibration(&tail, channels, RATE_HZ, &expected), None, "seed {seed}");
         }
     }
-    // A machine's hum in the searched range, and a step that another train's approach makes.
+    // A machine's hum in the searched range.
     for seed in 1..=20 {
         let hum: Vec<f32> = (0..2000)
             .map(|i| 0.3 * (i as f32 * 3.3 / RATE_HZ * std::f32::consts::TAU).sin())
@@ -512,7 +569,7 @@ fn offsets_and_gaps_change_nothing_but_the_deviation() {
             .iter_mut()
             .step_by(3)
             .for_each(|value| *value = f32::NAN);
-        holed[1000 * 3 / 3..1120].fill(f32::NAN);
+        holed[1000..1120].fill(f32::NAN);
         holed[2..].iter_mut().step_by(21).for_each(|value| *value = f32::NAN);
         holed[..6].fill(f32::NAN);
         let [whole, holed] =

@@ -11,8 +11,9 @@
 //! - **Fit.** Gauss-Newton with Levenberg's and Marquardt's damping for all unknowns together. The amplitudes of each channel are
 //!   eliminated from its normal equations as soon as these are summed, so only those of the pairs remain; this
 //!   is variable projection (Golub and Pereyra 1973) without its second derivatives.
-//! - **Deviations.** The inverse of what remains, times the residuals' spectrum at the mode's frequency in units of white
-//!   noise (never less than 1): noise that has passed a recorder's filter is stronger there than its mean square says.
+//! - **Deviations.** The square roots of the inverse of what remains, times the residuals' spectrum at the mode's frequency in units of white
+//!   noise (never less than 1): noise that has passed a recorder's filter is stronger there than its mean square says. Where there
+//!   is next to no noise, `f32` knows a pair to `2^-23` of the sampling rate.
 //!
 //! The samples are walked through with one complex multiplication a mode and sample: no sine in the loop.
 
@@ -58,6 +59,11 @@ const DAMPING_FACTOR: f32 = 10.0;
 const LARGEST_DECAY: f32 = 0.3;
 /// How far a frequency may stray from its range during the fit, as a part of the range's ends.
 const STRAY: [f32; 2] = [0.7, 1.3];
+
+/// A mode is looked for in so many of its decay times from the tail's beginning: 0.03 % of its energy come later.
+const DECAY_TIMES: f32 = 4.0;
+/// A wave that has become this part of itself counts as gone; its squares would not be normal numbers.
+const GONE: f32 = 1e-9;
 
 /// A pivot that has lost all but this part of itself is rounding: its unknown is not there, or another stands for it.
 const SINGULAR: f32 = 1e-6;
@@ -108,7 +114,7 @@ pub(super) struct Fitted {
     right: SVector<f32, SHARED>,
 }
 
-/// The sums of a channel's normal equations.
+/// The sums of a channel's normal equations; of the symmetric matrix, what is on and right of the diagonal.
 struct Sums<const N: usize> {
     matrix: [[f32; N]; N],
     right: [f32; N],
@@ -130,6 +136,16 @@ impl<'a> Tail<'a> {
     fn channel(&self, channel: usize) -> impl Iterator<Item = f32> {
         let rows = self.samples.chunks_exact(self.channels.max(1));
         rows.map(move |row| row.get(channel).copied().unwrap_or(f32::NAN))
+    }
+
+    /// What there is of the first so many seconds.
+    fn first(&self, duration_s: f32) -> Self {
+        // A cast makes the largest number of what is not finite.
+        let values = ((duration_s / self.interval_s) as usize).saturating_mul(self.channels);
+        Self {
+            samples: self.samples.get(..values).unwrap_or(self.samples),
+            ..*self
+        }
     }
 
     /// Time from the first sample with a value to the last, s.
@@ -161,6 +177,9 @@ impl Motion {
             }
             for ([cos, sin], [turn_cos, turn_sin]) in parts.iter_mut().zip(&turns) {
                 (*cos, *sin) = (*cos * turn_cos - *sin * turn_sin, *sin * turn_cos + *cos * turn_sin);
+                if cos.abs() + sin.abs() < GONE {
+                    (*cos, *sin) = (0.0, 0.0);
+                }
             }
         }
     }
@@ -264,8 +283,10 @@ impl<const N: usize> Default for Sums<N> {
 impl<const N: usize> Sums<N> {
     /// Adds a sample: its derivatives by the unknowns, and what is left of it.
     fn add(&mut self, row: &[f32; N], left: f32) {
-        for (sums, &entry) in self.matrix.iter_mut().zip(row) {
-            math::add_scaled(sums, entry, row);
+        for i in 0..N {
+            for j in i..N {
+                self.matrix[i][j] += row[i] * row[j];
+            }
         }
         math::add_scaled(&mut self.right, left, row);
         self.squares += left * left;
@@ -282,9 +303,11 @@ impl<const N: usize> Sums<N> {
                 continue;
             }
             for i in p + 1..N {
-                let factor = -self.matrix[i][p] / row[p];
-                math::add_scaled(&mut self.matrix[i], factor, &row);
-                self.right[i] += factor * self.right[p];
+                let factor = row[i] / row[p];
+                for (entry, &other) in self.matrix[i].iter_mut().zip(&row).skip(i) {
+                    *entry -= factor * other;
+                }
+                self.right[i] -= factor * self.right[p];
             }
         }
     }
@@ -313,7 +336,6 @@ pub(super) fn fit(tail: &Tail<'_>, expected: &[ExpectedMode]) -> Option<Fitted> 
         waves: [None; TAIL_MODES],
         amplitudes: [[0.0; AMPLITUDES]; CHANNELS],
     };
-    let mut unexplained = motion.solve_amplitudes(tail);
     let mut fitted = None;
     for _ in 0..TAIL_MODES {
         let mut best = (SIGNIFICANT, None);
@@ -321,10 +343,13 @@ pub(super) fn fit(tail: &Tail<'_>, expected: &[ExpectedMode]) -> Option<Fitted> 
             if !matches!(motion.waves.get(mode), Some(None)) {
                 continue;
             }
+            let decay = core::f32::consts::TAU * looked_for.frequency_hz * looked_for.damping_ratio;
+            let alive = tail.first(DECAY_TIMES / decay);
+            let before = motion.clone().solve_amplitudes(&alive);
             for wave in tries(looked_for, duration_s) {
                 let mut trial = motion.clone();
                 trial.put(mode, Some(wave));
-                let gain = unexplained.gain(&trial.solve_amplitudes(tail));
+                let gain = before.gain(&trial.solve_amplitudes(&alive));
                 if gain > best.0 {
                     best = (gain, Some((mode, wave)));
                 }
@@ -334,7 +359,6 @@ pub(super) fn fit(tail: &Tail<'_>, expected: &[ExpectedMode]) -> Option<Fitted> 
         motion.put(mode, Some(wave));
         let found = descend(tail, motion, expected);
         motion = found.motion.clone();
-        unexplained = found.unexplained;
         fitted = Some(found);
     }
     fitted
@@ -405,7 +429,7 @@ impl Fitted {
             let weight = unexplained.weights(waves)[channel];
             for i in 0..SHARED {
                 for j in 0..SHARED {
-                    matrix[(i, j)] += weight * sums.matrix[AMPLITUDES + i][AMPLITUDES + j];
+                    matrix[(i, j)] += weight * sums.matrix[AMPLITUDES + i.min(j)][AMPLITUDES + i.max(j)];
                 }
                 right[i] += weight * sums.right[AMPLITUDES + i];
             }
@@ -474,7 +498,9 @@ impl Fitted {
         // d w = (w_d d w_d + g d g) / w,   d xi = (d g - xi d w) / w
         let by_omega = wave.omega / natural;
         let colour = self.colour(tail, wave.omega);
-        let std = |slopes| math::sqrt((colour * variance(slopes)).max(0.0));
+        // A wave's turn from one sample to the next is rounded, and with it the pair that is known of it.
+        let rounding = f32::EPSILON / tail.interval_s;
+        let std = |slopes| math::sqrt((colour * variance(slopes)).max(0.0) + rounding * rounding);
         Some(ModeEstimate {
             mode,
             frequency_hz: natural / core::f32::consts::TAU,
