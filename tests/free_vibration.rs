@@ -1,5 +1,5 @@
-//! Free vibration: the tail of a passage gives natural frequencies and damping ratios, with deviations that are true, and
-//! nothing where there is nothing to find.
+//! Free vibration: the tail of a passage gives natural frequencies and damping ratios, with deviations that are true,
+//! and nothing where there is nothing to find.
 
 use host_sim::identification::Observed;
 use host_sim::model::{self, BridgeFrame};
@@ -18,8 +18,8 @@ use spanwatch::recorder::{AntiAlias, AntiAliasState};
 /// Samples a second of the recorder, and the cut-off of its filter.
 const RATE_HZ: f32 = 200.0;
 const BAND_HZ: f32 = 40.0;
-/// A stated standard deviation is right when an estimate is this many of them off at most; a right one fails once in 370.
-/// The seeds are fixed.
+/// A stated standard deviation is right when an estimate is this many of them off at most; a right one fails once in
+/// 370. The seeds are fixed.
 const DEVIATIONS: f32 = 3.0;
 
 fn girder50() -> BridgeFrame {
@@ -165,8 +165,8 @@ fn estimates_are_unbiased_and_scatter_as_stated() {
     }
 }
 
-/// The Cramér-Rao bounds of `fn` and `xi` of one decay in white noise, with unknown amplitudes, phases and offsets: from
-/// the Fisher information, by central differences in `f64`.
+/// The Cramér-Rao bounds of `fn` and `xi` of one decay in white noise, with unknown amplitudes, phases and offsets:
+/// from the Fisher information, by central differences in `f64`.
 fn cramer_rao(decay: &Decay, channels: usize, duration_s: f64, sigma: f64) -> [f64; 2] {
     const STEP: f64 = 1e-6;
     let moved = |unknown: usize, channel: usize, step: f64| {
@@ -174,9 +174,11 @@ fn cramer_rao(decay: &Decay, channels: usize, duration_s: f64, sigma: f64) -> [f
         match unknown {
             0 => moved.fn_hz += step,
             1 => moved.xi += step,
-            _ if (unknown - 2) / 3 != channel => (),
-            _ if (unknown - 2) % 3 == 0 => moved.amplitude[channel] += step,
-            _ => moved.phase[channel] += step,
+            _ => match ((unknown - 2) / 3 == channel, (unknown - 2) % 3) {
+                (true, 0) => moved.amplitude[channel] += step,
+                (true, 1) => moved.phase[channel] += step,
+                _ => (),
+            },
         }
         moved
     };
@@ -201,8 +203,8 @@ fn cramer_rao(decay: &Decay, channels: usize, duration_s: f64, sigma: f64) -> [f
 
 #[test]
 fn one_decay_is_known_as_well_as_can_be() {
-    // A least-squares fit in white noise reaches the bound as the noise goes to zero. The spectrum's factor is never below 1, which
-    // adds to the stated deviation what its own scatter is, at most some 8 % for one channel of 2 s.
+    // A least-squares fit in white noise reaches the bound as the noise goes to zero. The spectrum's factor is never
+    // below 1, which adds to the stated deviation what its own scatter is, at most some 8 % for one channel of 2 s.
     const ABOVE: std::ops::Range<f64> = 0.93..1.12;
     const SEEDS: u64 = 40;
     let expected = undamaged(&reduced());
@@ -365,9 +367,10 @@ fn the_tail_of_a_passage_gives_the_bridges_frequencies_and_damping() {
 
 #[test]
 fn a_first_mode_that_the_train_cancels_is_told_truly_or_not_at_all() {
-    // Speeds at which a single load leaves least of girder50's first mode: 2 fn L / 3, 5, 7, 9. What is left, because the bridge
-    // is damped, still stands above 5 % of noise; under ever more noise it is given up, never made up. Only estimates that
-    // happened to stand out are given there, which takes them further from the truth than the noise alone.
+    // Speeds at which a single load leaves least of girder50's first mode: 2 fn L / 3, 5, 7, 9. What is left, because
+    // the bridge is damped, still stands above 5 % of noise; under ever more noise it is given up, never made up. Only
+    // estimates that happened to stand out are given there, which takes them further from the truth than the noise
+    // alone.
     const WORST: f32 = 4.5;
     let model = undamaged(&reduced());
     for speed_kmh in [420.0, 252.0, 180.0, 140.0] {
@@ -412,8 +415,8 @@ fn a_mode_at_rest_is_not_given_and_the_others_are() {
 
 #[test]
 fn without_noise_no_more_is_stated_than_single_precision_knows() {
-    // What remains of the fourth mode (56 Hz, damped by the recorder and fast by itself) is not noise and not modelled; it moves
-    // the second and third by less than a hundred-thousandth.
+    // What remains of the fourth mode (56 Hz, damped by the recorder and fast by itself) is not noise and not modelled;
+    // it moves the second and third by less than a hundred-thousandth.
     const UNMODELLED: f32 = 1e-5;
     let bridge = reduced();
     for loss in [0.0, 0.3] {
@@ -515,7 +518,8 @@ fn what_is_no_record_gives_nothing() {
 
 #[test]
 fn frequencies_are_found_wherever_damage_may_have_put_them() {
-    // Down to 20 % below the undamaged bridge's, each mode by itself; damping up to three times more or less than expected.
+    // Down to 20 % below the undamaged bridge's, each mode by itself; damping up to three times more or less than
+    // expected.
     let expected = undamaged(&reduced());
     for (i, parts) in [
         [0.80, 0.80, 0.80],
@@ -640,8 +644,8 @@ fn measured() -> FreeVibration {
 
 #[test]
 fn derivatives_are_the_differences() {
-    // A central difference of 2 % of stiffness is off by its square, some 1e-4 of the largest derivative; rounding of the f32
-    // frequency (3e-7 of it) against the change that the difference makes of it (1e-3) adds as much.
+    // A central difference of 2 % of stiffness is off by its square, some 1e-4 of the largest derivative; rounding of
+    // the f32 frequency (3e-7 of it) against the change that the difference makes of it (1e-3) adds as much.
     const PART: f32 = 2e-3;
     let bridge = reduced();
     let vibration = measured();
@@ -723,8 +727,9 @@ fn softening_all_elements_is_softening_the_bridge() {
 
 #[test]
 fn the_residuals_vanish_at_the_bridges_own_damage_and_point_there() {
-    // Ten seconds of a bridge that lost 30 % in element 5, without noise to speak of. Looking along that element alone, one
-    // Gauss-Newton step from the undamaged bridge in the flexibility, which is nearly straight, comes within a tenth of the goal.
+    // Ten seconds of a bridge that lost 30 % in element 5, without noise to speak of. Looking along that element alone,
+    // one Gauss-Newton step from the undamaged bridge in the flexibility, which is nearly straight, comes within a
+    // tenth of the goal.
     let bridge = reduced();
     let scenario = Scenario {
         noise: 0.01,
@@ -746,8 +751,8 @@ fn the_residuals_vanish_at_the_bridges_own_damage_and_point_there() {
 
 #[test]
 fn damping_says_little_of_damage() {
-    // Why its rows are apart: even where the model's damping is the bridge's own, the first mode's frequency knows an element's
-    // flexibility tens of times better than its damping does.
+    // Why its rows are apart: even where the model's damping is the bridge's own, the first mode's frequency knows an
+    // element's flexibility tens of times better than its damping does.
     const TIMES: f32 = 20.0;
     let bridge = reduced();
     let vibration = of_passage(&passage(&[3, 6, 9], 0.30), 10.0).expect("a vibration");

@@ -5,29 +5,53 @@
 //! fn_k = w_k / 2 pi  [Hz],   c = 1 .. channels,   k = 1 .. 3
 //! ```
 //!
-//! The recorder's filter changes the amplitudes of such a motion and neither its frequencies nor its damping, so it need
-//! not be known; only its own transient must be over ([`first_free_sample`]). [`fit`] says how the motion is fitted.
+//! The recorder's filter changes the amplitudes of such a motion and neither its frequencies nor its damping, so it
+//! need not be known; only its own transient must be over ([`first_free_sample`]). The module `fit` says how the motion
+//! is fitted.
 //!
 //! The **frequencies** then help to identify damage: [`FreeVibration::frequency_terms`] compares them with those of the
 //! bridge model for a damage pattern, with exact derivatives, as rows for a least-squares sum.
 //!
-//! **Not twice.** These rows and the tail's samples in a comparison of accelerations are the same information. Who adds the
-//! rows must end that comparison where the tail begins, or take the frequencies from a later stretch of the tail than the
-//! samples that are compared; else the result looks surer than it is.
+//! **Not twice.** These rows and the tail's samples in a comparison of accelerations are the same information. Who adds
+//! the rows must end that comparison where the tail begins, or take the frequencies from a later stretch of the tail
+//! than the samples that are compared; else the result looks surer than it is.
 //!
 //! **What it cannot tell.**
-//! - One frequency is one equation: the first is lowered by 30 % in an element as by less in its neighbours, and, on a
-//!   symmetric bridge, alike by an element and its mirror image. And the whole bridge's stiffness (temperature, ballast)
-//!   moves it as damage does; each row has a derivative for that.
+//! - One frequency is one equation: the first is lowered by 30 % in one element as by less in its neighbours and, on a
+//!   symmetric bridge, alike by an element and its mirror image. And the stiffness of the whole bridge (temperature,
+//!   ballast) moves it as damage does; each row has a derivative for that.
 //! - Damping says almost nothing about damage. The model's is Rayleigh's, `xi = (p1 / w + p2 w) / 2` with the undamaged
-//!   bridge's coefficients, and flat: 30 % in one element of girder50 lowers its first frequency by 4 % and moves `xi` from
-//!   0.0200 to 0.0205. A real bridge's damping differs from the model's by more, whatever its health. So its rows are apart ([`FreeVibration::damping_terms`]), for who also looks for a factor on the damping.
-//! - At its speeds of cancellation (`2 fn L / 3, 5, 7, ..`: 420, 252, 180 km/h on girder50) a single load leaves little of the
-//!   first mode; not nothing, because what it did on entering has decayed until it leaves. What is left is told as surely as its strength
-//!   allows, and a mode that noise hides is not given.
+//!   bridge's coefficients, and flat: 30 % in a middle element of girder50 lowers the first frequency by 4 % and moves
+//!   `xi` from 0.0200 to 0.0205; from the same tail `fn` knows the element's flexibility 80 times better. And a real
+//!   bridge's damping differs from the model's by more, whatever its health. So its rows are apart
+//!   ([`FreeVibration::damping_terms`]), for who also looks for a factor on the damping.
+//! - At its speeds of cancellation (`2 fn L / 3, 5, 7, ..`: 420, 252, 180 km/h on girder50) a single load leaves little
+//!   of the first mode; not nothing, because what it did on entering has decayed until it leaves. What is left is told
+//!   as surely as its strength allows, and a mode that noise hides is not given.
 //! - Two modes whose searched ranges overlap could be taken for each other and are not given; a search near a damage
-//!   pattern that is already known ([`expected`] with a narrower range) tells them apart. Nor is one given with a mode close above
-//!   that is not fitted.
+//!   pattern that is already known ([`expected`] with a narrower range) tells them apart. Nor is a mode given that has
+//!   one close above that is not fitted.
+//! - A wrong moment of leaving (a speed that is off, a trailing car that was not counted) puts forced motion into the
+//!   tail, which is no sum of decays. The deviations do not cover that: who is not sure begins later.
+//!
+//! ```
+//! use spanwatch::identify::free_vibration::{ExpectedMode, SEARCHED, free_vibration};
+//! // Five seconds at 200 Hz of 3.36 Hz, where 3.5 Hz was expected.
+//! let tail: Vec<f32> = (0..1000)
+//!     .map(|i| i as f32 / 200.0)
+//!     .map(|t| (-0.42 * t).exp() * (std::f32::consts::TAU * 3.36 * t).cos())
+//!     .collect();
+//! let looked_for = ExpectedMode {
+//!     frequency_hz: 3.5,
+//!     damping_ratio: 0.02,
+//!     range_hz: SEARCHED.map(|part| part * 3.5),
+//!     distinct: true,
+//! };
+//! let found = free_vibration(&tail, 1, 200.0, &[looked_for]).expect("a vibration");
+//! // fn = sqrt(3.36^2 + (0.42 / 2 pi)^2)
+//! assert!((found.modes[0].frequency_hz - 3.3607).abs() < 1e-4);
+//! assert!(free_vibration(&tail[..100], 1, 200.0, &[looked_for]).is_none(), "half a second says nothing");
+//! ```
 //!
 //! Cost: some 60 walks through the tail (one for each frequency tried, and 2 for each step of the fit), of 100 to 250
 //! operations a sample and channel; 5 KB of stack. The rows: an eigenproblem (270,000 operations), 7 KB.
@@ -44,17 +68,18 @@ use crate::math;
 
 /// Modes of the free vibration.
 pub const TAIL_MODES: usize = 3;
-/// The part of the model's frequency in which the bridge's is looked for: down to what a fifth less and a cold start from the
-/// undamaged bridge ask for, up to a stiffness that is a tenth above the model's.
+/// The part of the model's frequency in which the bridge's is looked for: down to a fifth less and some room,
+/// up to what a stiffness of a tenth above the model's makes of it.
 pub const SEARCHED: [f32; 2] = [0.78, 1.05];
-/// Time in cycles of its cut-off after which the recorder's filter has forgotten: 4 at 40 Hz are 0.1 s, in which its slowest part falls to
-/// `exp(-2 pi 4 cos(3 pi / 8)) = 7e-5`.
+/// Time in cycles of its cut-off after which the recorder's filter has forgotten: 4 at 40 Hz are 0.1 s, in which its
+/// slowest part falls to `exp(-2 pi 4 cos(3 pi / 8)) = 7e-5`.
 const FILTER_CYCLES: f32 = 4.0;
-/// A frequency with a larger standard deviation, as a part of itself, is not worth giving: 2 % of girder50's first are 17 % lost
-/// of a middle element.
+/// A frequency with a larger standard deviation, as a part of itself, is not worth giving: 2 % of girder50's first are
+/// 17 % lost of a middle element.
 const LARGEST_DEVIATION: f32 = 0.02;
-/// A mode must be below this part of the frequency of the next one that is not fitted. What there is of that is taken for
-/// noise, and the closer, the less it is: at 4/5 it moved a frequency by five deviations, at girder50's 5/9 it is not seen.
+/// A mode must be below this part of the frequency of the next one that is not fitted. What there is of that is taken
+/// for noise, and the closer, the less it is: at 4/5 it moved a frequency by five deviations, at girder50's 5/9 it is
+/// not seen.
 const ALONE: f32 = 2.0 / 3.0;
 /// Damping that is not this many standard deviations from zero is no sign of a free vibration; a machine hums so.
 const DECAYS: f32 = 2.0;
@@ -68,8 +93,8 @@ pub struct ExpectedMode {
     pub damping_ratio: f32,
     /// Where its frequency is looked for, Hz.
     pub range_hz: [f32; 2],
-    /// Whether no other mode is looked for in this range, and none that is not fitted is near. Else the mode is fitted, so that it does
-    /// not disturb the others, but not given.
+    /// Whether no other mode is looked for in this range, and none that is not fitted is near. Else the mode is fitted,
+    /// so that it does not disturb the others, but not given.
     pub distinct: bool,
 }
 
@@ -95,7 +120,8 @@ pub struct FreeVibration {
     pub modes: Vec<ModeEstimate, TAIL_MODES>,
 }
 
-/// One row of a least-squares sum: a measured quantity against the model's, all in standard deviations of the measured one.
+/// One row of a least-squares sum: a measured quantity against the model's, all in standard deviations of the measured
+/// one.
 ///
 /// The sign is that of the other residuals here, `r = measured - model(p)`, `J = d model / d p`: a normal equation gets
 /// `J^T J` and `J^T r`.
@@ -184,8 +210,9 @@ pub fn first_free_sample(bridge: &ReducedBridge<f32>, observation: &Observation<
     Some(((left_s + forgotten_s) * observation.recorder.sample_rate_hz) as usize + 1)
 }
 
-/// The free vibration in `tail`: accelerations, channel after channel within a sample, not-a-number where there is none, a
-/// constant offset allowed. The modes that are looked for are `expected`, ascending. None if no mode can be told.
+/// The free vibration in `tail`: accelerations, channel after channel within a sample, not-a-number where there is
+/// none, a constant offset allowed. The modes that are looked for are `expected`, ascending. None if no mode can be
+/// told.
 ///
 /// The standard deviations hold for noise that is independent from channel to channel; its spectrum need not be flat.
 pub fn free_vibration(
@@ -216,7 +243,8 @@ pub fn free_vibration(
 }
 
 impl FreeVibration {
-    /// The rows that the natural frequencies add to a sum of squares at one damage pattern. They do not depend on the damping.
+    /// The rows that the natural frequencies add to a sum of squares at one damage pattern. They do not depend on the
+    /// damping.
     pub fn frequency_terms(
         &self,
         bridge: &ReducedBridge<f32>,
@@ -250,8 +278,9 @@ impl FreeVibration {
         })
     }
 
-    /// The rows of a quantity that depends on a mode's circular frequency: `quantity` gives its measured value and standard
-    /// deviation; the model's value, its derivative by the circular frequency and by the factor on the damping.
+    /// The rows of a quantity that depends on a mode's circular frequency: `quantity` gives its measured value and
+    /// standard deviation; the model's value, its derivative by the circular frequency and by the factor on the
+    /// damping.
     fn terms(
         &self,
         bridge: &ReducedBridge<f32>,

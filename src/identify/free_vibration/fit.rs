@@ -6,14 +6,15 @@
 //! ```
 //!
 //! The amplitudes `o, a, b` are linear, the pairs `w_k` (rad/s) and `g_k` (1/s) are not, and all channels share these.
-//! - **Start.** Each mode that is looked for is tried at frequencies a half-width apart, with the amplitudes solved; the mode that
-//!   explains most is taken, all taken ones are fitted, and so on with what is left, until nothing significant is found.
-//! - **Fit.** Gauss-Newton with Levenberg's and Marquardt's damping for all unknowns together. The amplitudes of each channel are
-//!   eliminated from its normal equations as soon as these are summed, so only those of the pairs remain; this
-//!   is variable projection (Golub and Pereyra 1973) without its second derivatives.
-//! - **Deviations.** The square roots of the inverse of what remains, times the residuals' spectrum at the mode's frequency in units of white
-//!   noise (never less than 1): noise that has passed a recorder's filter is stronger there than its mean square says. Where there
-//!   is next to no noise, `f32` knows a pair to `2^-23` of the sampling rate.
+//! - **Start.** Each mode that is looked for is tried at frequencies a half-width apart, with the amplitudes solved; the
+//!   mode that explains most is taken, all taken ones are fitted, and so on with what is left, until nothing
+//!   significant is found.
+//! - **Fit.** Gauss-Newton with Levenberg's and Marquardt's damping for all unknowns together. The amplitudes of each
+//!   channel are eliminated from its normal equations as soon as these are summed, so only those of the pairs remain;
+//!   this is variable projection (Golub and Pereyra 1973) without its second derivatives.
+//! - **Deviations.** The square roots of the inverse of what remains, times the residuals' spectrum at the mode's
+//!   frequency in units of white noise (never less than 1): noise that has passed a recorder's filter is stronger there
+//!   than its mean square says. Where there is next to no noise, `f32` knows a pair to `2^-23` of the sampling rate.
 //!
 //! The samples are walked through with one complex multiplication a mode and sample: no sine in the loop.
 
@@ -30,14 +31,14 @@ const SHARED: usize = 2 * TAIL_MODES;
 /// Unknowns in a channel's rows.
 const ROW: usize = AMPLITUDES + SHARED;
 
-/// A tail of fewer periods of the lowest mode says nothing: an offset, and what is left of the train's own motion, look the
-/// same.
+/// A tail of fewer periods of the lowest mode says nothing: an offset, and what is left of the train's own motion, look
+/// the same.
 const LEAST_PERIODS: f32 = 2.0;
 /// A channel with fewer samples does not count: twice its unknowns.
 const LEAST_SAMPLES: f32 = (2 * ROW) as f32;
-/// Fall of the sum of squares, in variances of the noise, that makes a mode significant. Noise alone makes it fall as chi-squared
-/// with up to 8 degrees of freedom (two amplitudes a channel, frequency, decay), beyond 50 once in 20 million tries;
-/// a search makes less than 200.
+/// Fall of the sum of squares, in variances of the noise, that makes a mode significant. Noise alone makes it fall as
+/// chi-squared with up to 8 degrees of freedom (two amplitudes a channel, frequency, decay), beyond 50 once in 20
+/// million tries; a search makes less than 200.
 const SIGNIFICANT: f32 = 50.0;
 /// Frequencies that are tried stand so many of the mode's half-widths `xi fn` apart, ...
 const HALF_WIDTHS: f32 = 1.0;
@@ -46,8 +47,8 @@ const RESOLUTION: f32 = 0.25;
 /// ... but at least this part of the frequency.
 const FINEST: f32 = 0.005;
 
-/// The fit has converged when the next step would lower the sum of squares by less than this many variances of the noise:
-/// the estimates would move by a thirtieth of their deviations.
+/// The fit has converged when the next step would lower the sum of squares by less than this many variances of the
+/// noise: the estimates would move by a thirtieth of their deviations.
 const SMALL_GAIN: f32 = 1e-3;
 /// Steps after which the fit stops in any case; it takes about 5.
 const MAX_STEPS: usize = 20;
@@ -159,7 +160,8 @@ impl<'a> Tail<'a> {
 }
 
 impl Motion {
-    /// Each sample of a channel that has a value: its time, the waves' cosine and sine parts, and what the motion leaves of it.
+    /// Each sample of a channel that has a value: its time, the waves' cosine and sine parts, and what the motion
+    /// leaves of it.
     fn walk(&self, tail: &Tail<'_>, channel: usize, mut visit: impl FnMut(f32, &[[f32; 2]; TAIL_MODES], f32)) {
         let turns = self
             .waves
