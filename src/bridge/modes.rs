@@ -11,7 +11,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::{Damage, ReducedBridge};
-use crate::capacity::{BASIS, CHANNELS, FACTORS, PATH_NODES};
+use crate::capacity::{BASIS, CHANNELS, ELEMENTS, FACTORS, PATH_NODES};
 use crate::math::{Real, entries};
 
 /// Sweeps after which the rotation stops in any case; convergence is quadratic and takes about 6.
@@ -225,6 +225,51 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
     /// Natural frequency of mode `k` (from 0), Hz.
     pub fn frequency_hz(&self, k: usize) -> T {
         self.omega_squared[k].sqrt() / T::two_pi()
+    }
+}
+
+// ---- what an element's damage does to the frequencies ---------------------------------------------------------------
+
+/// Squared circular frequencies of the lowest modes, and what each element's damage does to them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrequencySlopes<T: Real, const M: usize> {
+    /// Modes that there are; the rows beyond them are zero.
+    pub modes: usize,
+    /// Squared circular frequency of each mode, ascending, rad²/s².
+    pub omega_squared: [T; M],
+    /// Its derivative by the damage of each element, rad²/s²; never positive.
+    pub by_damage: [[T; ELEMENTS]; M],
+}
+
+impl<T: Real, const M: usize> FrequencySlopes<T, M> {
+    /// Those of `bridge` with `damage`.
+    ///
+    /// ```text
+    /// d(w_k^2) / d(d_e) = phi_k^T dK/d(d_e) phi_k = - sum_f (phi_k^T L^1/2 b_f)^2,   f the factors of element e
+    /// ```
+    ///
+    /// This is exact (Fox and Kapoor 1968), because `phi_k^T phi_k = 1` whatever the damage. It asks that mode `k` has a
+    /// frequency of its own: where two coincide, only the sum of their slopes means something.
+    pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> Self {
+        let eigenmodes = Eigenmodes::new(bridge, damage);
+        let mut shares = [[T::zero(); M]; FACTORS];
+        eigenmodes.shares(bridge, &mut shares);
+        let mut slopes = Self {
+            modes: M.min(eigenmodes.count),
+            omega_squared: [T::zero(); M],
+            by_damage: [[T::zero(); ELEMENTS]; M],
+        };
+        let known = eigenmodes.omega_squared::<M>();
+        let rows = slopes.omega_squared.iter_mut().zip(&mut slopes.by_damage);
+        for (k, (omega_squared, by_damage)) in rows.enumerate().take(slopes.modes) {
+            *omega_squared = known[k];
+            for (share, &element) in shares.iter().zip(&bridge.factor_element) {
+                if let Some(slope) = by_damage.get_mut(usize::from(element)) {
+                    *slope -= share[k] * share[k];
+                }
+            }
+        }
+        slopes
     }
 }
 

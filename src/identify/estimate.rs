@@ -34,6 +34,7 @@ use nalgebra::SVector;
 
 use super::interval::confidence;
 use super::quadratic::{Minimum, Quadratic};
+use super::unknowns::{flexibility, loss};
 use crate::bridge::{Damage, MAX_DAMAGE};
 use crate::capacity::ELEMENTS;
 use crate::math;
@@ -226,20 +227,6 @@ impl Information {
         let resolution = RESOLUTION.max(best.ridge).max(rival.ridge);
         let rise = self.rise(best, &rival.at) - 0.5 * resolution * evidence;
         if rise > 0.0 { math::sqrt(2.0 * rise) } else { 0.0 }
-    }
-}
-
-/// Flexibility gained by an element that has lost the fraction `loss` of its stiffness, in units of the whole one's.
-fn flexibility(loss: f32) -> f32 {
-    1.0 / (1.0 - loss) - 1.0
-}
-
-/// Fraction of stiffness lost, from the flexibility gained. Zero has no sign: it must have the same bits on every machine.
-fn loss(flexibility: f32) -> f32 {
-    if flexibility > 0.0 {
-        (flexibility / (1.0 + flexibility)).min(MAX_DAMAGE as f32)
-    } else {
-        0.0
     }
 }
 

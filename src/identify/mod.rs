@@ -12,6 +12,7 @@
 pub mod code;
 pub mod estimate;
 pub mod evidence;
+pub mod free_vibration;
 pub mod hybrid;
 pub mod interval;
 pub mod micro_ga;
