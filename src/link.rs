@@ -6,7 +6,6 @@
 
 use heapless::Vec;
 
-use crate::bridge::blob;
 use crate::capacity::MODEL_BLOB_BYTES;
 use crate::logger::Logger;
 use crate::wire::frame::Refusal;
@@ -163,11 +162,8 @@ impl Desk {
         if self.blob.len() < total {
             return Outcome::Done;
         }
-        match blob::read(&self.blob) {
-            Ok(bridge) => {
-                self.logger.load(bridge);
-                Outcome::Done
-            }
+        match self.logger.load(&self.blob) {
+            Ok(()) => Outcome::Done,
             Err(error) => {
                 self.blob.clear();
                 Outcome::Model(error)

@@ -13,8 +13,8 @@ use core::fmt;
 use heapless::{Deque, Vec};
 use serde::{Deserialize, Serialize};
 
-use crate::bridge::ReducedBridge;
-use crate::capacity::{CARS, CHANNELS, ELEMENTS};
+use crate::bridge::{BlobError, ReducedBridge, blob};
+use crate::capacity::{CARS, CHANNELS};
 use crate::identify::hybrid::HIDDEN;
 use crate::identify::{Hybrid, Identification, Pass, Problem};
 use crate::interaction::simulation::{Recorder, Sensor};
@@ -188,7 +188,8 @@ struct Work {
 #[derive(Debug, Clone)]
 pub struct Logger {
     configuration: Slot<Configuration>,
-    bridge: Slot<ReducedBridge<f32>>,
+    /// Of no elements until one is loaded.
+    bridge: ReducedBridge<f32>,
     stream: Stream,
     work: Slot<Work>,
     /// Memory for the work.
@@ -210,7 +211,7 @@ impl Logger {
     pub const fn new() -> Self {
         Self {
             configuration: Slot::Empty,
-            bridge: Slot::Empty,
+            bridge: ReducedBridge::EMPTY,
             stream: Stream::new(),
             work: Slot::Empty,
             pass: Pass::new(),
@@ -234,10 +235,11 @@ impl Logger {
         Ok(())
     }
 
-    /// Takes another bridge model; an identification in progress is dropped with the old one.
-    pub fn load(&mut self, bridge: ReducedBridge<f32>) {
+    /// Takes another bridge model, as [`blob::write`] makes it. An identification in progress is dropped with the old one. Bytes that
+    /// were changed on their way leave the old model; a model that is refused leaves none.
+    pub fn load(&mut self, model: &[u8]) -> Result<(), BlobError> {
         self.end_work(Verdict::NotIdentified(Reason::NoModel));
-        self.bridge = Slot::Full(bridge);
+        blob::read_into(model, &mut self.bridge)
     }
 
     /// Takes a block of raw counts, channel after channel within a sample, that begins at sample `first_sample` of the
@@ -256,11 +258,11 @@ impl Logger {
 
     /// Does one slice of the work that waits; true if there is more.
     pub fn poll(&mut self) -> bool {
-        let (Some(work), Some(bridge)) = (self.work.as_mut(), self.bridge.as_ref()) else {
+        let Some(work) = self.work.as_mut() else {
             return false;
         };
         let problem = Problem {
-            bridge,
+            bridge: &self.bridge,
             observation: &work.observation,
             samples: self.stream.passage_samples(),
         };
@@ -350,7 +352,7 @@ impl Logger {
 
     /// How the passage is to be simulated, or why it cannot be.
     fn observe(&self, passage: &Passage) -> Result<Observation<f32>, Reason> {
-        let (Some(bridge), Some(configuration)) = (self.bridge.as_ref(), self.configuration.as_ref()) else {
+        let Some(configuration) = self.configuration.as_ref().filter(|_| self.bridge.elements > 0) else {
             return Err(Reason::NoModel);
         };
         let traffic = configuration.traffic.as_ref().ok_or(Reason::NoTraffic)?;
@@ -365,7 +367,7 @@ impl Logger {
             return Err(Reason::BadQuality);
         }
         let observation = configuration
-            .observe(traffic, bridge, passage.first_sample)
+            .observe(traffic, &self.bridge, passage.first_sample)
             .map_err(Reason::Setup)?;
         let duration_s = rows as f32 / configuration.sample_rate_hz;
         if !(0.0..duration_s).contains(&observation.run.entry_time_s) {
@@ -380,7 +382,7 @@ impl Logger {
             unexplained: found.unexplained,
         };
         let certain = found.certain();
-        let hidden = found.hidden(self.bridge.as_ref().map_or(ELEMENTS, |bridge| bridge.elements));
+        let hidden = found.hidden(self.bridge.elements);
         let hidden_permille = permille(&hidden);
         if !found.explained() {
             self.end_work(Verdict::NotIdentified(Reason::Unexplained));
@@ -391,7 +393,8 @@ impl Logger {
                 Verdict::Healthy { fit, hidden_permille }
             });
         } else {
-            if let (Some(work), Some(bridge)) = (self.work.as_ref(), self.bridge.as_ref()) {
+            if let Some(work) = self.work.as_ref() {
+                let bridge = &self.bridge;
                 let permille = |values: &[f32]| values.iter().take(bridge.elements).map(permille).collect();
                 let alert = Alert {
                     bridge: bridge.name.clone(),

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use host_sim::evaluate::{Case, Signal};
 use host_sim::identification::{Known, Method, Observed, search};
-use host_sim::model::Structure;
+use host_sim::model::{self, Structure};
 use host_sim::replay::{self, Prepared};
 use host_sim::simulate::{Scenario, simulate};
 use spanwatch::logger::Logger;
@@ -22,7 +22,8 @@ fn prepared(name: &str) -> Prepared {
 
 fn logger(prepared: &Prepared) -> Box<Logger> {
     let mut logger = Box::new(Logger::new());
-    logger.load(prepared.bridge.as_ref().expect("a bridge").cast());
+    let model = model::to_blob(prepared.bridge.as_ref().expect("a bridge")).expect("room");
+    logger.load(&model).expect("a model");
     logger.configure(prepared.configuration.clone()).expect("sound");
     logger
 }
@@ -197,7 +198,8 @@ fn a_model_that_comes_during_an_identification_does_not_block_the_next_passage()
     logger.push(0, &counts).expect("whole rows");
     logger.finish();
     assert!(logger.is_busy());
-    logger.load(prepared.bridge.as_ref().expect("a bridge").cast());
+    let model = model::to_blob(prepared.bridge.as_ref().expect("a bridge")).expect("room");
+    logger.load(&model).expect("a model");
     let Some(Event::Passage(first)) = logger.next_event() else {
         panic!("the passage that was dropped")
     };

@@ -10,10 +10,9 @@
 use core::fmt;
 
 use heapless::{String, Vec};
-use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::{Path, ReducedBridge};
+use super::ReducedBridge;
 use crate::capacity::{BASIS, ELEMENTS, FACTORS, PATH_NODES, SENSOR_PLACES};
 use crate::wire::CRC32C;
 
@@ -123,8 +122,8 @@ impl core::error::Error for BlobError {}
 
 type Vector = Vec<f32, BASIS>;
 
-/// The fields in the order in which they are written. Vectors have as many entries as the basis.
-#[derive(Serialize, Deserialize)]
+/// The fields in the order in which they are written, and read one by one. Vectors have as many entries as the basis.
+#[derive(Serialize)]
 struct Layout {
     name: String<24>,
     rayleigh: [f32; 2],
@@ -183,6 +182,14 @@ pub fn write<'b>(bridge: &ReducedBridge<f32>, buffer: &'b mut [u8]) -> Result<&'
 
 /// Reads and checks a model.
 pub fn read(bytes: &[u8]) -> Result<ReducedBridge<f32>, BlobError> {
+    let mut bridge = ReducedBridge::EMPTY;
+    read_into(bytes, &mut bridge)?;
+    Ok(bridge)
+}
+
+/// Reads a model straight into `bridge`, without a second one on the stack, and checks it. If bytes are missing or were changed,
+/// `bridge` stays as it is; if the model itself is refused, `bridge` is empty.
+pub fn read_into(bytes: &[u8], bridge: &mut ReducedBridge<f32>) -> Result<(), BlobError> {
     let magic = bytes.get(..MAGIC.len()).ok_or(BlobError::Truncated)?;
     if magic != MAGIC {
         return Err(BlobError::NotAModel);
@@ -196,82 +203,139 @@ pub fn read(bytes: &[u8]) -> Result<ReducedBridge<f32>, BlobError> {
         return Err(BlobError::Checksum);
     }
     let body = checked.get(MAGIC.len() + 1..).ok_or(BlobError::Truncated)?;
-    let (layout, rest) = postcard::take_from_bytes::<Layout>(body).map_err(|_| BlobError::Malformed)?;
-    if !rest.is_empty() {
+    let read = unpack(body, bridge).and_then(|()| believe(bridge));
+    if read.is_err() {
+        bridge.clear();
+    }
+    read
+}
+
+/// The next field of a [`Layout`].
+fn next<'b, T: Deserialize<'b>>(body: &mut &'b [u8]) -> Result<T, BlobError> {
+    let (field, rest) = postcard::take_from_bytes(body).map_err(|_| BlobError::Malformed)?;
+    *body = rest;
+    Ok(field)
+}
+
+/// The number of a list's entries.
+fn count(body: &mut &[u8], most: usize) -> Result<usize, BlobError> {
+    let count = next::<u32>(body)? as usize;
+    if count > most {
+        Err(BlobError::Malformed)
+    } else {
+        Ok(count)
+    }
+}
+
+/// A vector of the basis's length into a column.
+fn column(body: &mut &[u8], basis: usize, target: &mut [f32]) -> Result<(), BlobError> {
+    let vector: Vector = next(body)?;
+    if vector.len() != basis {
         return Err(BlobError::Malformed);
     }
-    believe(&layout)?;
-    Ok(unpack(&layout))
+    fill(target, &vector);
+    Ok(())
+}
+
+/// Reads the fields of a [`Layout`] one by one.
+fn unpack(mut body: &[u8], bridge: &mut ReducedBridge<f32>) -> Result<(), BlobError> {
+    let body = &mut body;
+    bridge.clear();
+    bridge.name = next(body)?;
+    bridge.rayleigh = next(body)?;
+    let lambda: Vector = next(body)?;
+    let basis = lambda.len();
+    bridge.basis = basis;
+    fill(bridge.lambda.as_mut_slice(), &lambda);
+    bridge.elements = usize::from(next::<u8>(body)?);
+    bridge.factor_count = count(body, FACTORS)?;
+    for f in 0..bridge.factor_count {
+        bridge.factor_element[f] = next(body)?;
+        column(body, basis, bridge.factors.column_mut(f).as_mut_slice())?;
+    }
+    let path = &mut bridge.path;
+    path.nodes = count(body, PATH_NODES)?;
+    for i in 0..path.nodes {
+        path.position_m[i] = next(body)?;
+        column(body, basis, path.displacement.column_mut(i).as_mut_slice())?;
+        column(body, basis, path.slope.column_mut(i).as_mut_slice())?;
+    }
+    bridge.sensor_count = count(body, SENSOR_PLACES)?;
+    for s in 0..bridge.sensor_count {
+        bridge.sensor_node[s] = next(body)?;
+        column(body, basis, bridge.sensors.column_mut(s).as_mut_slice())?;
+    }
+    if body.is_empty() {
+        Ok(())
+    } else {
+        Err(BlobError::Malformed)
+    }
 }
 
 /// Refuses values that no bridge has.
-fn believe(layout: &Layout) -> Result<(), BlobError> {
+fn believe(bridge: &ReducedBridge<f32>) -> Result<(), BlobError> {
     let absurd = |what| Err(BlobError::Absurd(what));
-    let n = layout.lambda.len();
-    let vectors = (layout.factors.iter().map(|(_, b)| b))
-        .chain(
-            layout
-                .path
-                .iter()
-                .flat_map(|(_, displacement, slope)| [displacement, slope]),
-        )
-        .chain(layout.sensors.iter().map(|(_, row)| row));
-    for vector in vectors {
-        if vector.len() != n {
-            return Err(BlobError::Malformed);
-        }
-        if !vector.iter().all(|value| value.is_finite()) {
-            return absurd(Absurdity::Shape);
-        }
+    let (n, path) = (bridge.basis, &bridge.path);
+    let lambda = &bridge.lambda.as_slice()[..n.min(BASIS)];
+    let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
+    let shapes = [
+        bridge.factors.as_slice(),
+        path.displacement.as_slice(),
+        path.slope.as_slice(),
+        bridge.sensors.as_slice(),
+    ];
+    if !shapes.into_iter().all(finite) {
+        return absurd(Absurdity::Shape);
     }
     let [lowest, highest] = FREQUENCY_RANGE_HZ.map(|hz| (core::f32::consts::TAU * hz) * (core::f32::consts::TAU * hz));
-    if n == 0 || !layout.lambda.iter().all(|&value| (lowest..=highest).contains(&value)) {
+    let Some(&first) = lambda.first() else {
+        return absurd(Absurdity::Frequency);
+    };
+    if !lambda.iter().all(|&value| (lowest..=highest).contains(&value)) {
         return absurd(Absurdity::Frequency);
     }
-    if !layout.lambda.is_sorted() {
+    if !lambda.is_sorted() {
         return absurd(Absurdity::Order);
     }
     // 2 xi omega = p1 + p2 omega^2 of the lowest mode, the one that a bridge must swing in.
-    let [p1, p2] = layout.rayleigh;
-    let critical = 2.0 * crate::math::sqrt(layout.lambda[0]);
-    if !(p1 >= 0.0 && p2 >= 0.0 && p1 + p2 * layout.lambda[0] < critical) {
+    let [p1, p2] = bridge.rayleigh;
+    let critical = 2.0 * crate::math::sqrt(first);
+    if !(p1 >= 0.0 && p2 >= 0.0 && p1 + p2 * first < critical) {
         return absurd(Absurdity::Damping);
     }
-    let displacements = layout
-        .path
-        .iter()
-        .map(|(_, w, _)| w)
-        .chain(layout.sensors.iter().map(|(_, row)| row));
-    let slopes = layout.path.iter().map(|(.., slope)| slope);
-    let shapes = displacements
-        .map(|w| (w, MAX_SHAPE[0]))
-        .chain(slopes.map(|slope| (slope, MAX_SHAPE[1])));
-    if shapes
-        .into_iter()
-        .any(|(vector, limit)| vector.iter().any(|value| value.abs() > limit))
+    let within = |values: &[f32], limit: f32| values.iter().all(|value| value.abs() <= limit);
+    let [displacement, slope] = MAX_SHAPE;
+    if !(within(path.displacement.as_slice(), displacement)
+        && within(bridge.sensors.as_slice(), displacement)
+        && within(path.slope.as_slice(), slope))
     {
         return absurd(Absurdity::Shape);
     }
-    if layout.elements == 0 || usize::from(layout.elements) > ELEMENTS {
+    if bridge.elements == 0 || bridge.elements > ELEMENTS {
         return Err(BlobError::TooLarge);
     }
-    if layout.factors.iter().any(|&(element, _)| element >= layout.elements) {
+    let factor_element = &bridge.factor_element[..bridge.factor_count.min(FACTORS)];
+    if factor_element
+        .iter()
+        .any(|&element| usize::from(element) >= bridge.elements)
+    {
         return absurd(Absurdity::Element);
     }
-    let positions = || layout.path.iter().map(|&(x, ..)| x);
-    let begins = positions().next().is_some_and(|x| x == 0.0);
-    if !begins || layout.path.len() < 2 || positions().any(|x| !(0.0..=MAX_LENGTH_M).contains(&x)) {
+    let positions = &path.position_m[..path.nodes.min(PATH_NODES)];
+    let begins = positions.first() == Some(&0.0);
+    if !begins || positions.len() < 2 || positions.iter().any(|x| !(0.0..=MAX_LENGTH_M).contains(x)) {
         return absurd(Absurdity::Path);
     }
-    if positions().zip(positions().skip(1)).any(|(a, b)| b <= a) {
+    if !positions.is_sorted_by(|a, b| a < b) {
         return absurd(Absurdity::PathOrder);
     }
-    if layout.sensors.is_empty() {
+    if bridge.sensor_count == 0 {
         return absurd(Absurdity::Sensors);
     }
     for i in 0..n {
         for j in i..n {
-            let sum: f32 = layout.factors.iter().map(|(_, b)| b[i] * b[j]).sum();
+            // Unused factors are zero.
+            let sum: f32 = bridge.factors.column_iter().map(|b| b[i] * b[j]).sum();
             let expected = if i == j { 1.0 } else { 0.0 };
             if (sum - expected).abs() > COMPLETENESS_TOLERANCE {
                 return absurd(Absurdity::Stiffness);
@@ -279,43 +343,6 @@ fn believe(layout: &Layout) -> Result<(), BlobError> {
         }
     }
     Ok(())
-}
-
-fn unpack(layout: &Layout) -> ReducedBridge<f32> {
-    let mut bridge = ReducedBridge {
-        name: layout.name.clone(),
-        basis: layout.lambda.len(),
-        elements: usize::from(layout.elements),
-        lambda: SVector::zeros(),
-        factors: SMatrix::zeros(),
-        factor_element: [0; FACTORS],
-        factor_count: layout.factors.len(),
-        path: Path {
-            nodes: layout.path.len(),
-            position_m: [0.0; PATH_NODES],
-            displacement: SMatrix::zeros(),
-            slope: SMatrix::zeros(),
-        },
-        sensor_node: [0; SENSOR_PLACES],
-        sensors: SMatrix::zeros(),
-        sensor_count: layout.sensors.len(),
-        rayleigh: layout.rayleigh,
-    };
-    fill(bridge.lambda.as_mut_slice(), &layout.lambda);
-    for (f, (element, column)) in layout.factors.iter().enumerate() {
-        bridge.factor_element[f] = *element;
-        fill(bridge.factors.column_mut(f).as_mut_slice(), column);
-    }
-    for (i, (x, displacement, slope)) in layout.path.iter().enumerate() {
-        bridge.path.position_m[i] = *x;
-        fill(bridge.path.displacement.column_mut(i).as_mut_slice(), displacement);
-        fill(bridge.path.slope.column_mut(i).as_mut_slice(), slope);
-    }
-    for (s, (node, row)) in layout.sensors.iter().enumerate() {
-        bridge.sensor_node[s] = *node;
-        fill(bridge.sensors.column_mut(s).as_mut_slice(), row);
-    }
-    bridge
 }
 
 fn fill(target: &mut [f32], values: &[f32]) {

@@ -24,7 +24,7 @@ pub mod blob;
 pub mod modes;
 
 use heapless::String;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{ArrayStorage, SMatrix, SVector};
 
 use crate::capacity::{BASIS, ELEMENTS, FACTORS, PATH_NODES, SENSOR_PLACES};
 use crate::math::Real;
@@ -91,6 +91,48 @@ impl<T: Real> Path<T> {
 }
 
 impl<T: Real> ReducedBridge<T> {
+    /// No bridge.
+    pub const EMPTY: Self = Self {
+        name: String::new(),
+        basis: 0,
+        elements: 0,
+        lambda: SVector::from_array_storage(ArrayStorage([[T::ZERO; BASIS]])),
+        factors: SMatrix::from_array_storage(ArrayStorage([[T::ZERO; BASIS]; FACTORS])),
+        factor_element: [0; FACTORS],
+        factor_count: 0,
+        path: Path {
+            nodes: 0,
+            position_m: [T::ZERO; PATH_NODES],
+            displacement: SMatrix::from_array_storage(ArrayStorage([[T::ZERO; BASIS]; PATH_NODES])),
+            slope: SMatrix::from_array_storage(ArrayStorage([[T::ZERO; BASIS]; PATH_NODES])),
+        },
+        sensor_node: [0; SENSOR_PLACES],
+        sensors: SMatrix::from_array_storage(ArrayStorage([[T::ZERO; BASIS]; SENSOR_PLACES])),
+        sensor_count: 0,
+        rayleigh: [T::ZERO; 2],
+    };
+
+    /// Makes it [`Self::EMPTY`] in place.
+    fn clear(&mut self) {
+        self.name.clear();
+        (
+            self.basis,
+            self.elements,
+            self.factor_count,
+            self.sensor_count,
+            self.path.nodes,
+        ) = (0, 0, 0, 0, 0);
+        self.lambda.fill(T::ZERO);
+        self.factors.fill(T::ZERO);
+        self.factor_element.fill(0);
+        self.path.position_m.fill(T::ZERO);
+        self.path.displacement.fill(T::ZERO);
+        self.path.slope.fill(T::ZERO);
+        self.sensor_node.fill(0);
+        self.sensors.fill(T::ZERO);
+        self.rayleigh.fill(T::ZERO);
+    }
+
     /// The sensor place at a bridge node, if there is one.
     pub fn sensor_at(&self, node: u16) -> Option<usize> {
         self.sensor_node.iter().take(self.sensor_count).position(|&n| n == node)

@@ -67,20 +67,22 @@ impl<T: Real> Remainder<T> {
 impl<T: Real> Eigenmodes<T> {
     /// The modes of `bridge` with `damage`.
     pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> Self {
-        let count = bridge.basis.min(BASIS);
-        let (eigenvalues, vectors) = eigen(stiffness(bridge, damage), count);
-        let mut order: [usize; BASIS] = core::array::from_fn(|i| i);
-        order[..count].sort_unstable_by(|&a, &b| {
+        let mut modes = Self {
+            eigenvalues: SVector::zeros(),
+            vectors: SMatrix::identity(),
+            order: core::array::from_fn(|i| i),
+            count: bridge.basis.min(BASIS),
+        };
+        let mut matrix = stiffness(bridge, damage);
+        eigen(&mut matrix, &mut modes.vectors, modes.count);
+        modes.eigenvalues = matrix.diagonal();
+        let eigenvalues = &modes.eigenvalues;
+        modes.order[..modes.count].sort_unstable_by(|&a, &b| {
             eigenvalues[a]
                 .partial_cmp(&eigenvalues[b])
                 .unwrap_or(core::cmp::Ordering::Equal)
         });
-        Self {
-            eigenvalues,
-            vectors,
-            order,
-            count,
-        }
+        modes
     }
 
     /// Squared circular frequencies of the lowest `M` modes, rad²/s². A mode that does not exist gets the first one's.
@@ -290,12 +292,17 @@ fn stiffness<T: Real>(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> SMatrix<
         }
     }
     let root = bridge.lambda.map(|value| value.sqrt());
-    SMatrix::from_fn(|i, j| matrix[(i, j)] * root[i] * root[j])
+    for j in 0..BASIS {
+        for i in 0..BASIS {
+            matrix[(i, j)] *= root[i] * root[j];
+        }
+    }
+    matrix
 }
 
-/// Eigenvalues (unsorted) and eigenvectors (columns) of the leading `n x n` block of a symmetric positive matrix.
-fn eigen<T: Real>(mut a: SMatrix<T, BASIS, BASIS>, n: usize) -> (SVector<T, BASIS>, SMatrix<T, BASIS, BASIS>) {
-    let mut v = SMatrix::<T, BASIS, BASIS>::identity();
+/// Makes the leading `n x n` block of a symmetric positive matrix diagonal: what is left there are its eigenvalues, unsorted. Turns the
+/// columns of `v` with it.
+fn eigen<T: Real>(a: &mut SMatrix<T, BASIS, BASIS>, v: &mut SMatrix<T, BASIS, BASIS>, n: usize) {
     let tolerance = T::default_epsilon() * T::default_epsilon();
     for _ in 0..MAX_SWEEPS {
         let mut rotated = false;
@@ -342,5 +349,4 @@ fn eigen<T: Real>(mut a: SMatrix<T, BASIS, BASIS>, n: usize) -> (SVector<T, BASI
             break;
         }
     }
-    (a.diagonal(), v)
 }

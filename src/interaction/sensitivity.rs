@@ -13,15 +13,14 @@
 //! ```
 //!
 //! and for a loss the shapes turn too: those of the modes that are stepped towards each other, which the source does, and towards
-//! those that are not, `dphi_i = sum_f u_f g_f(x_i)` with `g_f` of [`Eigenmodes::remainders`].
+//! those that are not, `dphi_i = sum_f u_f g_f(x_i)` with `g_f` of [`Eigenmodes::remainders`], which adds `sum_f u_f sum_i g_f(x_i) F_i` to
+//! the source and `sum_f g_f(sensor) u_f . q''` to what the sensor shows. What that does to the cars is left out.
 //!
 //! So each unknown costs a part of a step, not a step, and carries a state of its own (`Tangent`) through the passage; nothing
 //! is stored of the past. What is left out: that `beta` and `c^` of [`scheme`](super::scheme) follow the frequency, the `lambda_k` in
 //! `g_f`, and that a corner's width follows the speed. Together they are 0.6 % at most (`tests/sensitivity.rs`).
 //!
 //! On a smooth track, and with [`Kinematics::Paper`](super::Kinematics::Paper).
-
-use nalgebra::SVector;
 
 use super::car::{CarState, Lead};
 use super::contact::{Modes as _, hermite};
@@ -67,13 +66,13 @@ struct Tangent<T: Real, const M: usize> {
 struct Source<'a, T: Real, const M: usize> {
     /// A force on the modes.
     modal: [T; M],
-    /// How the shapes under the contacts change, and how much of it.
+    /// How the shapes under the contacts change with their way, and how far they move.
     turn: Option<(&'a Turn<T>, T)>,
     /// How much of the static loads is added.
     load: T,
 }
 
-/// What changed shapes under the contacts make of the bridge's predicted position, velocity and of its acceleration there.
+/// What changed shapes under the contacts make of the bridge's predicted position, velocity and of its acceleration there, per metre.
 struct Turn<T> {
     felt: AtContacts<T>,
     felt_rate: AtContacts<T>,
@@ -137,30 +136,38 @@ impl<T: Real, const M: usize> Tangent<T, M> {
             force[k] -= base.modes.damping[k] * self.velocity[k] + omega_squared[k] * self.position[k];
         }
 
-        let aboard = || cars.among(coupling.aboard.clone()).enumerate();
-        for (slot, (index, (_, car, steps))) in aboard() {
+        let slots = || {
+            let coupled = coupling.shapes.iter().zip(&coupling.on).enumerate();
+            cars.among(coupling.aboard.clone()).zip(coupled)
+        };
+        for ((index, (_, car, steps)), (slot, (shapes, on))) in slots() {
             let state = &mut self.cars[index % CARS_ON_BRIDGE];
             if index >= coupling.entered {
                 *state = CarState::AT_REST;
             }
             let mut leads = [Lead::still(); CONTACTS];
-            for i in coupling.on[slot].clone() {
-                let shape = &coupling.shapes[slot][i];
-                leads[i].place = dot(shape, &felt);
-                leads[i].rate = dot(shape, &self.velocity);
+            for (i, (lead, shape)) in leads.iter_mut().zip(shapes).enumerate().take(on.end).skip(on.start) {
+                lead.place = dot(shape, &felt);
+                lead.rate = dot(shape, &self.velocity);
                 if let Some((turn, by)) = source.turn {
-                    leads[i].place += by * turn.felt[slot][i];
-                    leads[i].rate += by * turn.felt_rate[slot][i];
+                    lead.place += by * turn.felt[slot][i];
+                    lead.rate += by * turn.felt_rate[slot][i];
                 }
             }
             let mut loads = [T::zero(); CONTACTS];
             steps.predict(car, state, &leads, &mut loads);
-            for i in coupling.on[slot].clone() {
-                loads[i] -= source.load * car.contacts[i].load_n;
-                if let Some((turn, by)) = source.turn {
-                    loads[i] -= by * dot(&steps.impedance[i], &turn.acceleration[slot]);
+            if let Some((turn, by)) = source.turn {
+                for (load, impedance) in loads.iter_mut().zip(&steps.impedance) {
+                    *load -= by * dot(impedance, &turn.acceleration[slot]);
                 }
-                add_scaled(&mut force, loads[i], &coupling.shapes[slot][i]);
+            }
+            if source.load != T::zero() {
+                for (load, contact) in loads.iter_mut().zip(&car.contacts) {
+                    *load -= source.load * contact.load_n;
+                }
+            }
+            for (&load, shape) in loads.iter().zip(shapes).take(on.end).skip(on.start) {
+                add_scaled(&mut force, load, shape);
             }
         }
 
@@ -177,35 +184,15 @@ impl<T: Real, const M: usize> Tangent<T, M> {
         }
         add_scaled(&mut self.velocity, half_h, &force);
 
-        for (slot, (index, (_, car, steps))) in aboard() {
+        for ((index, (_, car, steps)), (slot, (shapes, on))) in slots() {
             let mut w = [T::zero(); CONTACTS];
-            for i in coupling.on[slot].clone() {
-                w[i] = dot(&coupling.shapes[slot][i], &force);
-                if let Some((turn, by)) = source.turn {
-                    w[i] += by * turn.acceleration[slot][i];
-                }
+            for (w, shape) in w.iter_mut().zip(shapes).take(on.end).skip(on.start) {
+                *w = dot(shape, &force);
+            }
+            if let Some((turn, by)) = source.turn {
+                add_scaled(&mut w, by, &turn.acceleration[slot]);
             }
             steps.correct(car.contacts.len(), &mut self.cars[index % CARS_ON_BRIDGE], &w);
-        }
-    }
-}
-
-/// The path under a contact: how a shape that is given at the path's nodes is read there, as the solver reads it.
-#[derive(Clone, Copy)]
-struct Under<T> {
-    span: usize,
-    /// Of displacement and slope at the left, displacement and slope at the right end of the span.
-    weights: [T; 4],
-}
-
-impl<T: Real> Under<T> {
-    fn read(&self, nodes: &[[T; 2]; PATH_NODES]) -> T {
-        let [w1, s1, w2, s2] = self.weights;
-        match nodes.get(self.span..self.span + 2) {
-            Some(&[[left, left_slope], [right, right_slope]]) => {
-                left * w1 + left_slope * s1 + right * w2 + right_slope * s2
-            }
-            _ => T::zero(),
         }
     }
 }
@@ -227,13 +214,9 @@ fn forces<T: Real, const M: usize>(
 }
 
 impl<T: Real, const M: usize> PlanarInteraction<T, M> {
-    /// The path under each contact.
-    fn under(&self, cars: &Cars<T>, coupling: &Coupled<T, M>) -> AtContacts<Under<T>> {
-        let nowhere = Under {
-            span: 0,
-            weights: [T::zero(); 4],
-        };
-        let mut under = [[nowhere; CONTACTS]; CARS_ON_BRIDGE];
+    /// The forces of the contacts, as forces and moments on the path's nodes.
+    fn on_nodes(&self, cars: &Cars<T>, coupling: &Coupled<T, M>, forces: &AtContacts<T>) -> [[T; 2]; PATH_NODES] {
+        let mut nodes = [[T::zero(); 2]; PATH_NODES];
         let TrainPosition { way_m, speed_mps } = coupling.now;
         for (slot, (_, (place, car, _))) in cars.among(coupling.aboard.clone()).enumerate() {
             for i in coupling.on[slot].clone() {
@@ -241,16 +224,27 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
                 let Some((span, part, length)) = self.bridge.span(self.along(way)) else {
                     continue;
                 };
-                let mut weights = hermite(0, part, length);
-                if let Some(rounded) = self.rounded(way, speed_mps) {
-                    // The end of the bridge is an end of this span: the first or the last.
-                    let [_, first, _, last] = &mut weights;
-                    *(if part < T::of(0.5) { first } else { last }) += rounded.rise_m;
+                let Some([left, right]) = nodes
+                    .get_mut(span..span + 2)
+                    .and_then(|ends| ends.first_chunk_mut::<2>())
+                else {
+                    continue;
+                };
+                let force = forces[slot][i];
+                let [w1, s1, w2, s2] = hermite(0, part, length).map(|weight| weight * force);
+                let ends = [left, right];
+                for (end, [w, s]) in ends.into_iter().zip([[w1, s1], [w2, s2]]) {
+                    end[0] += w;
+                    end[1] += s;
                 }
-                under[slot][i] = Under { span, weights };
+                if let Some(rounded) = self.rounded(way, speed_mps) {
+                    // The end of the bridge is an end of this span.
+                    let end = if part < T::of(0.5) { span } else { span + 1 };
+                    nodes[end][1] += rounded.rise_m * force;
+                }
             }
         }
-        under
+        nodes
     }
 
     /// What a metre of way does to the contacts, and its force on the modes.
@@ -357,6 +351,9 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         let cars = &observed.cars;
         base.step_coupled(cars, &mut coupling);
         let base = &*base;
+        if base.entered == 0 {
+            return;
+        }
         let forces = forces(base, cars, &coupling);
         let (q, v, a) = (&base.position, &base.velocity, &base.acceleration);
         let mut follow = |unknown: usize, source: &Source<'_, T, M>, seen: &[T; CHANNELS]| {
@@ -376,24 +373,21 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         };
         let still = [T::zero(); CHANNELS];
 
-        let under = base.under(cars, &coupling);
+        let on_nodes = base.on_nodes(cars, &coupling, &forces);
+        let mut strained = *entries(q);
+        add_scaled(&mut strained, self.p2, entries(v));
         for element in (0..ELEMENTS).filter(|&element| self.free[element]) {
-            let (mut turn, mut modal, mut seen) = (Turn::none(), [T::zero(); M], still);
+            let (mut modal, mut seen) = ([T::zero(); M], still);
             for f in (0..self.factor_count).filter(|&f| usize::from(self.factor_element[f]) == element) {
                 let (share, remainder) = (&self.shares[f], &self.remainders[f]);
-                let of = |modal: &SVector<T, M>| dot(share, entries(modal));
-                let [felt, felt_rate, position, acceleration] = [&coupling.felt, &coupling.felt_rate, q, a].map(of);
-                let mut pull = position + self.p2 * of(v);
-                for (slot, on) in coupling.on.iter().enumerate().take(coupling.aboard.len()) {
-                    for i in on.clone() {
-                        let g = under[slot][i].read(&remainder.path);
-                        turn.felt[slot][i] += felt * g;
-                        turn.felt_rate[slot][i] += felt_rate * g;
-                        turn.acceleration[slot][i] += acceleration * g;
-                        pull += forces[slot][i] * g;
+                let mut pull = dot(share, &strained);
+                if !coupling.aboard.is_empty() {
+                    for (on, g) in on_nodes.iter().zip(&remainder.path) {
+                        pull += on[0] * g[0] + on[1] * g[1];
                     }
                 }
                 add_scaled(&mut modal, pull, share);
+                let [position, acceleration] = [q, a].map(|modal| dot(share, entries(modal)));
                 for ((seen, g), sensor) in seen.iter_mut().zip(remainder.sensors).zip(&observed.recorder.sensors) {
                     *seen += g * match sensor.quantity {
                         Quantity::Acceleration => acceleration,
@@ -403,7 +397,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
             }
             let source = Source {
                 modal,
-                turn: Some((&turn, T::one())),
+                turn: None,
                 load: T::zero(),
             };
             follow(element, &source, &seen);

@@ -164,7 +164,7 @@ pub struct Interaction<T: Real, B, R, const M: usize, const D: usize, const C: u
     /// States of the cars that touch the bridge, car `c` at place `c % A`.
     cars: [CarState<T, D>; A],
     /// Cars that have reached the bridge so far, and those of them that have left it.
-    entered: usize,
+    pub(super) entered: usize,
     left: usize,
 }
 
@@ -331,6 +331,15 @@ where
     ) {
         self.steps += 1;
         let h = self.step_s;
+        let now = self.run.after(self.steps as i32, h);
+        let corner_m = self.corner_s * now.speed_mps;
+        coupling.now = now;
+        coupling.aboard = self.left..self.left;
+        coupling.entered = self.entered;
+        if self.entered == 0 && now.way_m < -corner_m {
+            // Nothing has happened yet.
+            return;
+        }
         let half_h = T::of(0.5) * h;
         let half_h2 = half_h * h;
 
@@ -351,11 +360,6 @@ where
         }
 
         // The cars on it: predicted, and eliminated.
-        let now = self.run.after(self.steps as i32, h);
-        let corner_m = self.corner_s * now.speed_mps;
-        coupling.now = now;
-        coupling.aboard = self.left..self.left;
-        coupling.entered = self.entered;
         for (index, (place, car, steps)) in cars.from(self.left) {
             let front = now.way_m - place.behind_m;
             if front < -corner_m {
