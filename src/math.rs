@@ -87,6 +87,11 @@ pub fn sqrt(value: f32) -> f32 {
     libm::sqrtf(value)
 }
 
+/// Natural logarithm of an `f32`, to 1 ulp.
+pub fn ln(value: f32) -> f32 {
+    libm::logf(value)
+}
+
 /// Mean square acceleration, (m/s²)², as a level in dB re 1 µm/s² (ISO 1683), for the eye: off by at most 1 dB.
 ///
 /// From [`micromath`]; no decision is taken on it.
