@@ -26,7 +26,8 @@ use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::train::PlanarTrain;
 use crate::wire::message::{
-    Alert, Channel, Configuration, Event, Fit, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, Trigger, Verdict,
+    Alert, Channel, Configuration, Event, Fit, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, Trigger,
+    Verdict,
 };
 
 /// Most solver steps in one slice of work, in which nothing else is done: a linearisation takes a step for each element and
@@ -116,7 +117,11 @@ impl Configuration {
             Quantity::Acceleration => ACCELERATIONS_MPS2.contains(&c.lsb),
             Quantity::Displacement => DISPLACEMENTS_M.contains(&c.lsb),
         };
-        if !self.channels.iter().all(|c| lsb_makes_sense(c) && c.full_scale_counts > 0) {
+        if !self
+            .channels
+            .iter()
+            .all(|c| lsb_makes_sense(c) && c.full_scale_counts > 0)
+        {
             return Err(ConfigurationError::Scale);
         }
         if !self.channels.iter().any(|c| c.quantity == Quantity::Acceleration) {
@@ -157,7 +162,12 @@ impl Configuration {
         if !self.traffic.as_ref().is_none_or(makes_sense) {
             return Err(ConfigurationError::Traffic);
         }
-        let within = |Ranges { speed, entry_s, load, stiffness }: &Ranges| {
+        let within = |Ranges {
+                          speed,
+                          entry_s,
+                          load,
+                          stiffness,
+                      }: &Ranges| {
             (0.0..=Ranges::WIDEST.speed).contains(speed)
                 && (0.0..=Ranges::WIDEST.entry_s).contains(entry_s)
                 && (0.0..=Ranges::WIDEST.load).contains(load)
@@ -428,7 +438,8 @@ impl Logger {
         if traffic.entry_time_s.is_some() && !(0.0..duration_s).contains(&observation.run.entry_time_s) {
             return Err(Reason::NotThisTrain);
         }
-        let guess = Unknown::of(traffic).map(|unknown| FirstGuess::new(&observation, samples, passage.strong(), unknown));
+        let guess =
+            Unknown::of(traffic).map(|unknown| FirstGuess::new(&observation, samples, passage.strong(), unknown));
         Ok((observation, guess))
     }
 

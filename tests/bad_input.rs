@@ -120,7 +120,9 @@ fn identify_says_what_it_needs() {
     fs::write(folder.path().join("rec.csv"), first_rows(&csv, 599)).expect("written");
     fs::write(folder.path().join("rec.toml"), TOML).expect("written");
     refused(&folder, &["identify", "rec.csv"], &["shorter than the passage"]);
-    let without = TOML.replace("bridge = \"girder50\"\n", "").replace("train = \"inspection-2dof\"\ncars = 1\n", "");
+    let without = TOML
+        .replace("bridge = \"girder50\"\n", "")
+        .replace("train = \"inspection-2dof\"\ncars = 1\n", "");
     fs::write(folder.path().join("rec.toml"), without).expect("written");
     refused(&folder, &["identify", "rec.csv"], &["must give bridge and train"]);
     fs::write(
@@ -140,18 +142,42 @@ fn a_recording_without_a_passage_does_not_tell_when_or_how_fast_the_train_was() 
     fs::write(folder.path().join("rec.csv"), quiet).expect("written");
     let without = TOML.replace("entry_time_s = 1.0\n", "");
     fs::write(folder.path().join("rec.toml"), &without).expect("written");
-    refused(&folder, &["identify", "rec.csv"], &["no passage is found", "entry_time_s"]);
+    refused(
+        &folder,
+        &["identify", "rec.csv"],
+        &["no passage is found", "entry_time_s"],
+    );
 
     // The passage is there, but not when the train is said to have entered.
     fs::write(folder.path().join("rec.csv"), late_passage()).expect("written");
-    let elsewhere = TOML.replace("entry_time_s = 1.0", "entry_time_s = 0.5").replace("speed_kmh = 60.0\n", "");
+    let elsewhere = TOML
+        .replace("entry_time_s = 1.0", "entry_time_s = 0.5")
+        .replace("speed_kmh = 60.0\n", "");
     fs::write(folder.path().join("rec.toml"), elsewhere).expect("written");
-    refused(&folder, &["identify", "rec.csv"], &["no passage is found at 0.5 s", "speed_kmh"]);
+    refused(
+        &folder,
+        &["identify", "rec.csv"],
+        &["no passage is found at 0.5 s", "speed_kmh"],
+    );
 
     // Sixteen cars cannot have been there for so short a time.
-    fs::write(folder.path().join("rec.toml"), without.replace("cars = 1", "cars = 16").replace("speed_kmh = 60.0\n", "")).expect("written");
-    fs::write(folder.path().join("rec.csv"), first_rows(&shipped("healthy-60kmh.csv"), 700)).expect("written");
-    refused(&folder, &["identify", "rec.csv"], &["no speed between 20 and 400 km/h", "cars"]);
+    fs::write(
+        folder.path().join("rec.toml"),
+        without
+            .replace("cars = 1", "cars = 16")
+            .replace("speed_kmh = 60.0\n", ""),
+    )
+    .expect("written");
+    fs::write(
+        folder.path().join("rec.csv"),
+        first_rows(&shipped("healthy-60kmh.csv"), 700),
+    )
+    .expect("written");
+    refused(
+        &folder,
+        &["identify", "rec.csv"],
+        &["no speed between 20 and 400 km/h", "cars"],
+    );
 }
 
 /// Five seconds of a quiet sensor, then a train.
@@ -172,7 +198,11 @@ fn a_recording_of_displacements_alone_is_refused() {
     fs::write(folder.path().join("rec.csv"), shipped("case1-60kmh.csv")).expect("written");
     fs::write(folder.path().join("rec.toml"), TOML.replace("m/s2", "mm")).expect("written");
     for command in ["identify", "replay"] {
-        refused(&folder, &[command, "rec.csv"], &["rec.csv", "at least one channel must measure an acceleration"]);
+        refused(
+            &folder,
+            &[command, "rec.csv"],
+            &["rec.csv", "at least one channel must measure an acceleration"],
+        );
     }
 }
 

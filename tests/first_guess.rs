@@ -1,21 +1,27 @@
 //! Promises of the first guess: where nobody gives speed and entry time, the true ones lie within the range that comes with the
 //! guess, for both trains, 1 to 16 cars, 60 to 300 km/h, sensors anywhere, 2 to 10 % noise, a damaged or softer bridge, another
-//! load. Logger and PC begin their search in the same place.
+//! load. A logger that is told no entry time takes every passage for its train's.
+
+use std::path::Path;
 
 use host_sim::identification::Observed;
 use host_sim::model::Structure;
+use host_sim::replay;
 use host_sim::simulate::{Scenario, simulate};
 use host_sim::train::TrainName;
 use rayon::prelude::*;
 use spanwatch::guess::{FirstGuess, Progress, Unknown};
+use spanwatch::logger::Logger;
 use spanwatch::passage::{Kept, Stream};
-use spanwatch::wire::message::{Channel, Configuration, Quantity, TrainKind, Trigger};
+use spanwatch::wire::message::{Channel, Configuration, Event, Quantity, Reason, Traffic, TrainKind, Trigger, Verdict};
 
 const LSB_MPS2: f32 = 2.338e-6;
 const LEAD_S: f64 = 3.0;
 
-/// Part of the passages whose truth may lie outside. (All of them are healthy trains at speeds at which nearly every ... )
-const OUTSIDE: f64 = 0.02;
+/// Every seventh of the 496 passages is tried here, seven being no divisor of any list's length. Of all of them 3 lie outside.
+const EVERY: usize = 7;
+/// How many may lie outside: a bridge that element 5 has softened resonates at another speed than its model.
+const OUTSIDE: usize = 1;
 
 /// What is hidden from the guess besides the run: sensors' nodes, noise, damage, stiffness, load.
 struct World {
@@ -27,11 +33,41 @@ struct World {
 }
 
 const WORLDS: [World; 5] = [
-    World { nodes: &[6], noise: 0.02, damage: &[], stiffness_factor: 1.0, load_factor: 1.0 },
-    World { nodes: &[3, 6, 9], noise: 0.05, damage: &[(1, 0.21), (5, 0.41)], stiffness_factor: 1.0, load_factor: 0.8 },
-    World { nodes: &[3], noise: 0.1, damage: &[], stiffness_factor: 0.9, load_factor: 1.3 },
-    World { nodes: &[9], noise: 0.1, damage: &[(8, 0.3)], stiffness_factor: 0.95, load_factor: 1.0 },
-    World { nodes: &[3, 6, 9], noise: 0.05, damage: &[], stiffness_factor: 1.05, load_factor: 1.0 },
+    World {
+        nodes: &[6],
+        noise: 0.02,
+        damage: &[],
+        stiffness_factor: 1.0,
+        load_factor: 1.0,
+    },
+    World {
+        nodes: &[3, 6, 9],
+        noise: 0.05,
+        damage: &[(1, 0.21), (5, 0.41)],
+        stiffness_factor: 1.0,
+        load_factor: 0.8,
+    },
+    World {
+        nodes: &[3],
+        noise: 0.1,
+        damage: &[],
+        stiffness_factor: 0.9,
+        load_factor: 1.3,
+    },
+    World {
+        nodes: &[9],
+        noise: 0.1,
+        damage: &[(8, 0.3)],
+        stiffness_factor: 0.95,
+        load_factor: 1.0,
+    },
+    World {
+        nodes: &[3, 6, 9],
+        noise: 0.05,
+        damage: &[],
+        stiffness_factor: 1.05,
+        load_factor: 1.0,
+    },
 ];
 
 /// A guess beside the truth.
@@ -66,7 +102,13 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
         noise: world.noise,
         seed,
         damage: (1..=10)
-            .map(|e| world.damage.iter().find(|(of, _)| *of == e).map_or(0.0, |(_, loss)| *loss))
+            .map(|e| {
+                world
+                    .damage
+                    .iter()
+                    .find(|(of, _)| *of == e)
+                    .map_or(0.0, |(_, loss)| *loss)
+            })
             .collect(),
         stiffness_factor: world.stiffness_factor,
         load_factor: world.load_factor,
@@ -93,23 +135,42 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
     let mut stream = Box::new(Stream::new());
     stream.configure(&configuration);
     for sample in 0..passage.channels[0].len() {
-        let counts: Vec<i32> = passage.channels.iter().map(|c| (c[sample] / f64::from(LSB_MPS2)).round() as i32).collect();
+        let counts: Vec<i32> = passage
+            .channels
+            .iter()
+            .map(|c| (c[sample] / f64::from(LSB_MPS2)).round() as i32)
+            .collect();
         stream.push(sample as u64, &counts).expect("whole rows");
     }
     stream.interrupt();
     let found = stream.next_passage().expect("a passage");
-    assert_eq!((found.kept, stream.next_passage()), (Kept::Whole, None), "{cars} cars at {speed_kmh} km/h");
+    assert_eq!(
+        (found.kept, stream.next_passage()),
+        (Kept::Whole, None),
+        "{cars} cars at {speed_kmh} km/h"
+    );
 
     // Train, sensors and recorder; the speed and entry in it are overwritten.
-    let shortest = Scenario { speed_kmh: 900.0, lead_s: 0.0, tail_s: 0.0, ..scenario };
+    let shortest = Scenario {
+        speed_kmh: 900.0,
+        lead_s: 0.0,
+        tail_s: 0.0,
+        ..scenario
+    };
     let mut observed = Observed::simulated(&bridge.bridge, &shortest).expect("simulates");
     observed.observation.run.load_factor = 1.0;
     let (observation, samples) = (&mut observed.observation, stream.passage_samples());
-    let unknown = Unknown { speed: true, entry: true };
+    let unknown = Unknown {
+        speed: true,
+        entry: true,
+    };
     let mut guess = FirstGuess::new(observation, samples, found.strong(), unknown);
     let mut attempts = 0;
     loop {
-        match guess.advance(&observed.bridge, observation, samples).expect("simulates") {
+        match guess
+            .advance(&observed.bridge, observation, samples)
+            .expect("simulates")
+        {
             Progress::More => attempts += 1,
             Progress::Found => break,
             Progress::NotThisTrain => panic!("{cars} cars at {speed_kmh} km/h: not this train"),
@@ -153,20 +214,82 @@ fn the_truth_lies_within_the_range_of_the_guess() {
             }
         }
     }
+    let cases: Vec<_> = cases.into_iter().step_by(EVERY).collect();
     let outcomes: Vec<_> = (cases.par_iter().enumerate())
         .map(|(seed, &(train, cars, speed_kmh, world))| outcome(&bridge, train, cars, speed_kmh, world, seed as u64))
         .collect();
     for cars in [1, 2, 4, 8, 16] {
         let of = || outcomes.iter().filter(|outcome| outcome.cars == cars);
-        println!("{cars} cars: speed {:?}, range {:?}", spread(of().map(|o| o.speed)), spread(of().map(|o| o.speed_range)));
-        println!("    way / duration {:?}, entry {:?} s", spread(of().map(|o| o.plain_speed)), spread(of().map(|o| o.entry_s)));
-        println!("    strong motion {:?} s after the entry", spread(of().map(|o| o.rise_s)));
+        println!(
+            "{cars} cars: speed {:?}, range {:?}",
+            spread(of().map(|o| o.speed)),
+            spread(of().map(|o| o.speed_range))
+        );
+        println!(
+            "    way / duration {:?}, entry {:?} s",
+            spread(of().map(|o| o.plain_speed)),
+            spread(of().map(|o| o.entry_s))
+        );
+        println!(
+            "    strong motion {:?} s after the entry",
+            spread(of().map(|o| o.rise_s))
+        );
         println!("    forward solves {:?}", spread(of().map(|o| f64::from(o.attempts))));
     }
-    let outside: Vec<_> = (cases.iter().zip(&outcomes)).filter(|(_, outcome)| !outcome.inside()).collect();
+    let outside: Vec<_> = (cases.iter().zip(&outcomes))
+        .filter(|(_, outcome)| !outcome.inside())
+        .collect();
     for ((train, cars, speed_kmh, world), outcome) in &outside {
-        println!("outside: {train:?}, {cars}, {speed_kmh} km/h, nodes {:?}, damage {:?} {}: {outcome:?}", world.nodes, world.damage, world.stiffness_factor);
+        println!(
+            "outside: {train:?}, {cars}, {speed_kmh} km/h, nodes {:?}, damage {:?} {}: {outcome:?}",
+            world.nodes, world.damage, world.stiffness_factor
+        );
     }
     println!("{} of {} outside", outside.len(), outcomes.len());
-    assert!(outside.len() as f64 <= OUTSIDE * outcomes.len() as f64);
+    assert!(outcomes.len() > 60 && outside.len() <= OUTSIDE);
+}
+
+#[test]
+fn a_logger_without_an_entry_time_identifies_every_passage_and_with_one_only_that() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/case1-60kmh.csv");
+    let prepared = replay::prepare(&path, None, 1).expect("a shipped recording");
+    let counts = prepared.recording.to_counts();
+    let verdicts = |rows: usize, change: fn(&mut Traffic)| -> Vec<Verdict> {
+        let mut configuration = prepared.configuration.clone();
+        change(configuration.traffic.as_mut().expect("a train"));
+        let mut logger = Box::new(Logger::new());
+        logger.load(prepared.bridge.as_ref().expect("a bridge").cast());
+        logger.configure(configuration).expect("sound");
+        for first_sample in [0, 100_000] {
+            logger.push(first_sample, &counts[..rows]).expect("whole rows");
+            logger.finish();
+            while logger.poll() {}
+        }
+        let reports = std::iter::from_fn(|| logger.next_event()).filter_map(|event| match event {
+            Event::Passage(report) => Some(report.verdict),
+            Event::Alert(_) => None,
+        });
+        reports.collect()
+    };
+    let not_this = |verdict: &Verdict| *verdict == Verdict::NotIdentified(Reason::NotThisTrain);
+    assert_eq!(
+        verdicts(counts.len(), |_| ()).iter().map(not_this).collect::<Vec<_>>(),
+        [false, true]
+    );
+    assert_eq!(
+        verdicts(counts.len(), |train| train.entry_time_s = None)
+            .iter()
+            .map(not_this)
+            .collect::<Vec<_>>(),
+        [false, false]
+    );
+    let unknown = verdicts(counts.len(), |train| {
+        (train.entry_time_s, train.speed_mps) = (None, None)
+    });
+    assert_eq!(unknown.iter().map(not_this).collect::<Vec<_>>(), [false, false]);
+    // Sixteen cars do not pass in two and a half seconds.
+    let too_long = verdicts(700, |train| {
+        (train.entry_time_s, train.speed_mps, train.cars) = (None, None, 16)
+    });
+    assert!(too_long.iter().all(not_this), "{too_long:?}");
 }

@@ -4,8 +4,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use host_sim::recording::{
+    Channel, DEFAULT_FULL_SCALE_COUNTS, DEFAULT_LSB_M, DEFAULT_LSB_MPS2, Margins, Recording, Run, Unit,
+};
 use host_sim::replay;
-use host_sim::recording::{Channel, DEFAULT_FULL_SCALE_COUNTS, DEFAULT_LSB_M, DEFAULT_LSB_MPS2, Margins, Recording, Run, Unit};
 use host_sim::train::TrainName;
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{Ranges, TrainKind};
@@ -86,9 +88,15 @@ fn accelerations_and_displacements_stand_beside_each_other() {
     let toml = format!(
         "{TOML}\n[[channel]]\ncolumn = \"d\"\nnode = 6\nunit = \"mm\"\n[[channel]]\ncolumn = \"e\"\nnode = 3\nunit = \"mm\"\nlsb_mm = 0.5\n"
     );
-    let recording = read("time_s,acc_node6_mps2,d,e\n0,0.1,-2,0.74\n0.005,-0.2,1e-3,-1e9\n", &toml);
+    let recording = read(
+        "time_s,acc_node6_mps2,d,e\n0,0.1,-2,0.74\n0.005,-0.2,1e-3,-1e9\n",
+        &toml,
+    );
     assert_eq!(recording.channels[1].values, [-2e-3, 1e-6]);
-    assert_eq!((recording.channels[1].lsb, recording.channels[2].lsb), (DEFAULT_LSB_M, 5e-4));
+    assert_eq!(
+        (recording.channels[1].lsb, recording.channels[2].lsb),
+        (DEFAULT_LSB_M, 5e-4)
+    );
     let counts = recording.to_counts();
     assert_eq!(counts[1], (-2e-3 / f64::from(DEFAULT_LSB_M)).round() as i32);
     assert_eq!((counts[2], counts[5]), (1, -DEFAULT_FULL_SCALE_COUNTS));

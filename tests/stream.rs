@@ -208,7 +208,9 @@ fn what_makes_no_sense_is_refused() {
     assert!(refused(|c| c.sample_rate_hz = 10.0), "a window of 2 samples");
     assert!(refused(|c| c.antialias_hz = Some(0.0)));
     assert!(refused(|c| c.traffic.as_mut().expect("there").cars = 17));
-    assert!(refused(|c| c.traffic.as_mut().expect("there").speed_mps = Some(f32::NAN)));
+    assert!(refused(
+        |c| c.traffic.as_mut().expect("there").speed_mps = Some(f32::NAN)
+    ));
     assert!(refused(
         |c| c.traffic.as_mut().expect("there").entry_time_s = Some(f64::INFINITY)
     ));
@@ -218,7 +220,12 @@ fn what_makes_no_sense_is_refused() {
             let mut configuration = configuration(1);
             configuration.traffic = Some(TRAIN);
             let ranges = &mut configuration.traffic.as_mut().expect("there").ranges;
-            *[&mut ranges.speed, &mut ranges.entry_s, &mut ranges.load, &mut ranges.stiffness][range] = bad;
+            *[
+                &mut ranges.speed,
+                &mut ranges.entry_s,
+                &mut ranges.load,
+                &mut ranges.stiffness,
+            ][range] = bad;
             assert_eq!(configuration.check(), Err(ConfigurationError::Ranges), "{range}: {bad}");
         }
     }
@@ -295,7 +302,13 @@ fn a_displacement_beside_an_acceleration_changes_nothing_of_what_is_found() {
     let accelerations = passage(20 * RATE_HZ, 5, 8, 4_000.0);
     let (alone, _) = run(&configuration(1), &accelerations, 32);
     // It sags by 8 mm while the train is there, on an offset of 20 mm.
-    let sag = |k: usize| if (5 * RATE_HZ..8 * RATE_HZ).contains(&k) { -80_000 } else { 0 };
+    let sag = |k: usize| {
+        if (5 * RATE_HZ..8 * RATE_HZ).contains(&k) {
+            -80_000
+        } else {
+            0
+        }
+    };
     let counts: Vec<i32> = (accelerations.iter().enumerate())
         .flat_map(|(k, &acceleration)| [acceleration, 200_000 + sag(k) + noise(k + 7)])
         .collect();
@@ -304,7 +317,10 @@ fn a_displacement_beside_an_acceleration_changes_nothing_of_what_is_found() {
     let ([alone], [found]) = (alone.as_slice(), found.as_slice()) else {
         panic!("{alone:?} {found:?}")
     };
-    assert_eq!((found.start_sample, found.end_sample), (alone.start_sample, alone.end_sample));
+    assert_eq!(
+        (found.start_sample, found.end_sample),
+        (alone.start_sample, alone.end_sample)
+    );
     assert_eq!((found.peak[0], found.level_db), (alone.peak[0], alone.level_db));
     // In metres, without its offset, to a hundredth.
     assert!((found.peak[1] - 8e-3).abs() < 8e-5, "{found:?}");
@@ -315,7 +331,11 @@ fn a_displacement_that_moves_alone_is_no_passage() {
     // The sun bends the bridge by millimetres, and somebody leans against the sensor.
     let counts: Vec<i32> = (0..60 * RATE_HZ)
         .flat_map(|k| {
-            let leans = if (30 * RATE_HZ..33 * RATE_HZ).contains(&k) { 50_000 } else { 0 };
+            let leans = if (30 * RATE_HZ..33 * RATE_HZ).contains(&k) {
+                50_000
+            } else {
+                0
+            };
             [noise(k), (k as i32) * 4 + leans + noise(k + 7)]
         })
         .collect();
@@ -353,5 +373,10 @@ fn a_logger_with_displacements_alone_is_told_what_it_needs() {
     alone.channels.remove(0);
     let error = alone.check().expect_err("no acceleration");
     assert_eq!(error, ConfigurationError::NoAcceleration);
-    assert!(error.to_string().contains("at least one channel must measure an acceleration"), "{error}");
+    assert!(
+        error
+            .to_string()
+            .contains("at least one channel must measure an acceleration"),
+        "{error}"
+    );
 }

@@ -264,7 +264,9 @@ impl Observed {
                         passage.start_sample as f64 / rate + start_s
                     ));
                 }
-                let quiet = passage.strong_sample.saturating_sub((2.0 * f64::from(guess::RISE_S) * rate) as u64);
+                let quiet = passage
+                    .strong_sample
+                    .saturating_sub((2.0 * f64::from(guess::RISE_S) * rate) as u64);
                 let all = samples(prepared, quiet as usize);
                 let (first, next) = (passage.first_sample as usize, passage.next_sample as usize);
                 let kept = &all[first * channels..(next * channels).min(all.len())];
@@ -366,7 +368,9 @@ fn strongest(prepared: &Prepared, entry_s: Option<f64>) -> Result<(Passage, usiz
         for row in 0..run.rows {
             let at = (run.first_row + row) * channels;
             let pushed = stream.push(run.first_sample + row as u64, &counts[at..at + channels]);
-            pushed.ok().with_context(|| format!("{name}: its rows do not follow each other"))?;
+            pushed
+                .ok()
+                .with_context(|| format!("{name}: its rows do not follow each other"))?;
             take(&mut stream);
         }
     }
@@ -381,9 +385,8 @@ fn strongest(prepared: &Prepared, entry_s: Option<f64>) -> Result<(Passage, usiz
     };
     let rate = recording.rate_hz();
     if let Some(entry_s) = entry_s {
-        let contains = |passage: &Passage| {
-            (passage.first_sample..passage.next_sample).contains(&((entry_s * rate) as u64))
-        };
+        let contains =
+            |passage: &Passage| (passage.first_sample..passage.next_sample).contains(&((entry_s * rate) as u64));
         let Some(passage) = found.into_iter().find(contains) else {
             bail!(
                 "{name}: no passage is found at {} s of file time, so the speed cannot be estimated; check entry_time_s, or give \

@@ -149,19 +149,20 @@ fn ranges(recording: &Recording) -> Ranges {
 impl Prepared {
     /// What each channel measures.
     pub fn quantities(&self) -> Vec<Quantity> {
-        self.configuration.channels.iter().map(|channel| channel.quantity).collect()
+        self.configuration
+            .channels
+            .iter()
+            .map(|channel| channel.quantity)
+            .collect()
     }
 
     /// What the TOML leaves open that nothing can be identified without.
     pub fn missing_keys(&self) -> Vec<&'static str> {
         let recording = &self.recording;
-        [
-            ("bridge", self.bridge.is_none()),
-            ("train", recording.train.is_none()),
-        ]
-        .into_iter()
-        .filter_map(|(key, missing)| missing.then_some(key))
-        .collect()
+        [("bridge", self.bridge.is_none()), ("train", recording.train.is_none())]
+            .into_iter()
+            .filter_map(|(key, missing)| missing.then_some(key))
+            .collect()
     }
 
     /// Replays the recording; `tell` hears of everything that the logger says, as it comes.

@@ -152,7 +152,10 @@ impl Scenario {
             return self.damage.clone();
         }
         let damage = self.damage.iter().copied().chain(std::iter::repeat(0.0));
-        damage.take(elements).map(|damage| 1.0 - self.stiffness_factor * (1.0 - damage)).collect()
+        damage
+            .take(elements)
+            .map(|damage| 1.0 - self.stiffness_factor * (1.0 - damage))
+            .collect()
     }
 
     /// Solver steps from one sample to the next.
@@ -282,7 +285,11 @@ pub fn simulate_reporting(
 ) -> Result<Passage> {
     scenario.check(bridge)?;
     let train = scenario.train.train(scenario.cars)?;
-    let model = ModalModel::new(bridge, &scenario.loss(bridge.bridge.frame.groups.len()), scenario.wanted())?;
+    let model = ModalModel::new(
+        bridge,
+        &scenario.loss(bridge.bridge.frame.groups.len()),
+        scenario.wanted(),
+    )?;
     let rows = (scenario.nodes.iter())
         .map(|&node| {
             let sensor = model.sensors.iter().find(|sensor| sensor.number == node);

@@ -100,7 +100,9 @@ impl Given {
             ("load_factor", self.load.is_some()),
             ("stiffness_factor", self.stiffness),
         ];
-        all.into_iter().filter_map(|(key, given)| (!given).then_some(key)).collect()
+        all.into_iter()
+            .filter_map(|(key, given)| (!given).then_some(key))
+            .collect()
     }
 }
 
@@ -118,7 +120,11 @@ fn run_in_words(found: &Found, prepared: &Prepared, observed: &Observed) -> Stri
         word(given.load.is_some()),
     );
     if !given.stiffness {
-        let _ = write!(text, "; whole bridge {:.3} of its model's stiffness (estimated)", found.stiffness_factor);
+        let _ = write!(
+            text,
+            "; whole bridge {:.3} of its model's stiffness (estimated)",
+            found.stiffness_factor
+        );
     }
     text + ".\n"
 }

@@ -79,7 +79,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 if arguments.json {
                     super::print_json(&passage_json(report, &prepared.quantities(), *start_s, *end_s, &source))
                 } else {
-                    super::print(&format!("  {}\n", words::passage(report, &prepared.quantities(), *start_s, *end_s)))
+                    super::print(&format!(
+                        "  {}\n",
+                        words::passage(report, &prepared.quantities(), *start_s, *end_s)
+                    ))
                 }
             }
             Told::Alert { alert, start_s } => {
@@ -146,7 +149,9 @@ fn passage_json(
     };
     let peaks = |quantity: Quantity, factor: f32| -> Vec<Option<f32>> {
         let of_channel = report.peak.iter().zip(quantities);
-        of_channel.map(|(&peak, &of)| (of == quantity).then_some(factor * peak)).collect()
+        of_channel
+            .map(|(&peak, &of)| (of == quantity).then_some(factor * peak))
+            .collect()
     };
     json!({
         "event": "passage",

@@ -209,7 +209,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         format!("True damage: {}.", damage_in_words(&arguments.damage)),
     ];
     if scenario.stiffness_factor != 1.0 {
-        remarks.push(format!("True stiffness of the whole bridge: {} of the model's.", scenario.stiffness_factor));
+        remarks.push(format!(
+            "True stiffness of the whole bridge: {} of the model's.",
+            scenario.stiffness_factor
+        ));
     }
     recording.write(csv_path, &remarks)?;
     super::print(&format!(
@@ -348,7 +351,11 @@ fn command_line(arguments: &Arguments, bridge: &str, scenario: &Scenario) -> Str
         let _ = write!(line, " --stiffness-factor {}", scenario.stiffness_factor);
     }
     if !arguments.withhold.is_empty() {
-        let what = [(Withheld::Speed, "speed"), (Withheld::Entry, "entry"), (Withheld::Load, "load")];
+        let what = [
+            (Withheld::Speed, "speed"),
+            (Withheld::Entry, "entry"),
+            (Withheld::Load, "load"),
+        ];
         let withheld: Vec<&str> = (what.iter())
             .filter(|(what, _)| arguments.withhold.contains(what))
             .map(|(_, name)| *name)

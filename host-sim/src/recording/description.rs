@@ -122,7 +122,12 @@ pub fn parse(text: &str) -> Result<Recording> {
     let margin = |key: &str, value: &Option<Spanned<f64>>, widest: f32| {
         // The widest is what the logger takes, an f32 that may lie just above the decimal fraction.
         let words = format!("0 (held) or positive, and at most {widest}");
-        number(key, value, 0.0..=f64::from(widest).max(widest.to_string().parse()?), &words)
+        number(
+            key,
+            value,
+            0.0..=f64::from(widest).max(widest.to_string().parse()?),
+            &words,
+        )
     };
     let range = &file.range;
     for (key, value, of, given) in [

@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 
-use spanwatch::wire::message::{Alert, Fit, PassageReport, Quality, Quantity, Reason, Restart, Status, Trigger, Verdict};
+use spanwatch::wire::message::{
+    Alert, Fit, PassageReport, Quality, Quantity, Reason, Restart, Status, Trigger, Verdict,
+};
 
 use crate::recording::Recording;
 
@@ -92,7 +94,9 @@ fn why(reason: &Reason) -> String {
         Reason::TooLong => "the passage is longer than the logger can keep or identify".to_owned(),
         Reason::Busy => "the logger was still identifying an earlier passage".to_owned(),
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
-        Reason::NotThisTrain => "the train that was announced did not enter the bridge during it, or takes longer to cross it".to_owned(),
+        Reason::NotThisTrain => {
+            "the train that was announced did not enter the bridge during it, or takes longer to cross it".to_owned()
+        }
         Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
         Reason::Unexplained => {
             "no pattern of damage explains the record; check train, speed, entry time, and the node, unit and sign of \
