@@ -343,7 +343,8 @@ impl Bins {
     }
 
     fn push(&mut self, row: usize, energy: f32) {
-        if let Some(bin) = self.energy.get_mut(row / self.rows_each) {
+        let bin = row.checked_div(self.rows_each);
+        if let Some(bin) = bin.and_then(|bin| self.energy.get_mut(bin)) {
             *bin += energy;
         }
     }
