@@ -7,6 +7,7 @@
 //! | stream | [`passage`] | raw sensor counts | one train passage, in m/s², with its quality |
 //! | model | [`bridge`], [`train`] | a blob from the PC, a train's name | the reduced bridge, the cars |
 //! | physics | [`interaction`] | bridge, train, damage | the accelerations they cause |
+//! | first guess | [`guess`] | a passage and the physics | speed and entry time, where nobody knows them |
 //! | search | [`identify`] | a passage and the physics | the damage that explains it, and how surely |
 //! | decision | [`logger`] | all of the above | passage reports and alerts |
 //! | wire | [`wire`] | messages | frames on a serial line, and back |
@@ -18,6 +19,7 @@
 
 pub mod bridge;
 pub mod capacity;
+pub mod guess;
 pub mod identify;
 pub mod interaction;
 pub mod link;

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bridge::{BlobError, ReducedBridge, blob};
 use crate::capacity::{CARS, CHANNELS};
+use crate::guess::{self, FirstGuess, Progress, Unknown};
 use crate::identify::hybrid::HIDDEN;
 use crate::identify::{Hybrid, Identification, Pass, Problem};
 use crate::interaction::simulation::{Recorder, Sensor};
@@ -25,7 +26,8 @@ use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::train::PlanarTrain;
 use crate::wire::message::{
-    Alert, Channel, Configuration, Event, Fit, PassageReport, Quality, Reason, Traffic, Trigger, Verdict,
+    Alert, Channel, Configuration, Event, Fit, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, Trigger,
+    Verdict,
 };
 
 /// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
@@ -45,6 +47,8 @@ const ACCELERATIONS_MPS2: core::ops::RangeInclusive<f32> = 1e-9..=1e3;
 const HIGHEST_SPEED_MPS: f32 = 200.0;
 /// Strongest brake that makes sense, m/s².
 const HIGHEST_ACCELERATION_MPS2: f32 = 5.0;
+/// Displacements that one count can stand for, m.
+const DISPLACEMENTS_M: core::ops::RangeInclusive<f32> = 1e-12..=1.0;
 
 /// What is wrong with a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -54,7 +58,9 @@ pub enum ConfigurationError {
     Rate,
     /// There is no channel.
     Channels,
-    /// A channel's count stands for no acceleration, or its range is empty.
+    /// No channel measures an acceleration.
+    NoAcceleration,
+    /// A channel's count stands for no acceleration (displacement), or its range is empty.
     Scale,
     /// A time, ratio or level of the trigger is not positive or absurd, it ends above where it begins, or its window holds too
     /// few samples.
@@ -63,6 +69,8 @@ pub enum ConfigurationError {
     Antialias,
     /// Cars, speed (up to 200 m/s), entry time or load factor of the train make no sense.
     Traffic,
+    /// How far off speed, entry time, load or stiffness may be is negative, not finite or too far.
+    Ranges,
 }
 
 impl fmt::Display for ConfigurationError {
@@ -70,7 +78,10 @@ impl fmt::Display for ConfigurationError {
         f.write_str(match self {
             Self::Rate => "the sample rate must be 1 Hz to 100 kHz",
             Self::Channels => "there must be at least one channel",
-            Self::Scale => "each channel needs a positive acceleration per count and a positive full scale",
+            Self::NoAcceleration => {
+                "at least one channel must measure an acceleration: passages are found by it, a displacement is too slow for that"
+            }
+            Self::Scale => "each channel needs a positive acceleration or displacement per count and a positive full scale",
             Self::Trigger => {
                 "the trigger's times (up to 300 s), ratios (up to 1000) and floor must be positive, on_ratio above 1, off_ratio \
                  not above it, and its window must hold 8 samples at least: record faster"
@@ -78,6 +89,9 @@ impl fmt::Display for ConfigurationError {
             Self::Antialias => "the anti-alias filter's cut-off must be positive",
             Self::Traffic => {
                 "the train must have 1 to 16 cars, a speed up to 200 m/s, a finite entry time, a positive load factor"
+            }
+            Self::Ranges => {
+                "the ranges must be 0 (held) or positive: speed up to 0.5, entry_s up to 10 s, load up to 0.9, stiffness up to 0.3"
             }
         })
     }
@@ -95,12 +109,19 @@ impl Configuration {
         if self.channels.is_empty() {
             return Err(ConfigurationError::Channels);
         }
+        let lsb_makes_sense = |c: &Channel| match c.quantity {
+            Quantity::Acceleration => ACCELERATIONS_MPS2.contains(&c.lsb),
+            Quantity::Displacement => DISPLACEMENTS_M.contains(&c.lsb),
+        };
         if !self
             .channels
             .iter()
-            .all(|c| ACCELERATIONS_MPS2.contains(&c.lsb) && c.full_scale_counts > 0)
+            .all(|c| lsb_makes_sense(c) && c.full_scale_counts > 0)
         {
             return Err(ConfigurationError::Scale);
+        }
+        if !self.channels.iter().any(|c| c.quantity == Quantity::Acceleration) {
+            return Err(ConfigurationError::NoAcceleration);
         }
         let Trigger {
             window_s,
@@ -129,19 +150,33 @@ impl Configuration {
         }
         let makes_sense = |traffic: &Traffic| {
             (1..=CARS).contains(&usize::from(traffic.cars))
-                && positive(traffic.speed_mps)
-                && traffic.speed_mps <= HIGHEST_SPEED_MPS
+                && (traffic.speed_mps).is_none_or(|speed| positive(speed) && speed <= HIGHEST_SPEED_MPS)
                 && traffic.acceleration_mps2.abs() <= HIGHEST_ACCELERATION_MPS2
-                && traffic.entry_time_s.is_finite()
+                && traffic.entry_time_s.is_none_or(f64::is_finite)
                 && positive(traffic.load_factor)
         };
         if !self.traffic.as_ref().is_none_or(makes_sense) {
             return Err(ConfigurationError::Traffic);
         }
+        let within = |Ranges {
+                          speed,
+                          entry_s,
+                          load,
+                          stiffness,
+                      }: &Ranges| {
+            (0.0..=Ranges::WIDEST.speed).contains(speed)
+                && (0.0..=Ranges::WIDEST.entry_s).contains(entry_s)
+                && (0.0..=Ranges::WIDEST.load).contains(load)
+                && (0.0..=Ranges::WIDEST.stiffness).contains(stiffness)
+        };
+        if !self.traffic.as_ref().is_none_or(|traffic| within(&traffic.ranges)) {
+            return Err(ConfigurationError::Ranges);
+        }
         Ok(())
     }
 
-    /// How a passage of `traffic` is to be simulated whose samples begin at `first_sample` of the stream.
+    /// How a passage of `traffic` is to be simulated whose samples begin at `first_sample` of the stream. A speed or entry time that
+    /// is not known stands at a value that is no guess: [`FirstGuess`] replaces it.
     pub fn observe(
         &self,
         traffic: &Traffic,
@@ -158,7 +193,7 @@ impl Configuration {
         let first_s = first_sample as f64 / f64::from(self.sample_rate_hz);
         let train = PlanarTrain::of_kind(traffic.train, traffic.cars.into()).ok_or(SetupError::Cars)?;
         let run = Run {
-            entry_time_s: (traffic.entry_time_s - first_s) as f32,
+            entry_time_s: traffic.entry_time_s.map_or(0.0, |entry_s| (entry_s - first_s) as f32),
             load_factor: traffic.load_factor,
             acceleration_mps2: traffic.acceleration_mps2,
             direction: if traffic.backward {
@@ -166,7 +201,7 @@ impl Configuration {
             } else {
                 Direction::Forward
             },
-            ..Run::at(traffic.speed_mps)
+            ..Run::at(traffic.speed_mps.unwrap_or(guess::LOWEST_SPEED_MPS))
         };
         let sensors = sensors.ok_or(SetupError::NoSuchSensor)?;
         let recorder = Recorder::new(sensors, self.sample_rate_hz, self.antialias_hz);
@@ -180,6 +215,8 @@ impl Configuration {
 #[derive(Debug, Clone)]
 struct Work {
     observation: Observation<f32>,
+    /// What must be guessed before the search.
+    guess: Option<FirstGuess>,
     search: Hybrid,
     report: PassageReport,
 }
@@ -261,6 +298,29 @@ impl Logger {
         let Some(work) = self.work.as_mut() else {
             return false;
         };
+        if let Some(guess) = &mut work.guess {
+            let samples = self.stream.passage_samples();
+            match guess.advance(&self.bridge, &mut work.observation, samples) {
+                Ok(Progress::More) => {
+                    let steps = samples.len() / work.observation.recorder.sensors.len().max(1);
+                    let steps = steps as u64 * u64::from(work.observation.recorder.steps_per_sample);
+                    self.solver_steps = self.solver_steps.saturating_add(steps);
+                    return true;
+                }
+                Ok(Progress::Found) => {
+                    work.guess = None;
+                    return true;
+                }
+                Ok(Progress::NotThisTrain) => {
+                    self.end_work(Verdict::NotIdentified(Reason::NotThisTrain));
+                    return false;
+                }
+                Err(error) => {
+                    self.end_work(Verdict::NotIdentified(Reason::Setup(error)));
+                    return false;
+                }
+            }
+        }
         let problem = Problem {
             bridge: &self.bridge,
             observation: &work.observation,
@@ -318,11 +378,12 @@ impl Logger {
             self.passages = self.passages.saturating_add(1);
             let report = self.describe(&passage);
             match self.observe(&passage) {
-                Ok(observation) => {
+                Ok((observation, guess)) => {
                     let seed = self.configuration.as_ref().map_or(0, |c| c.seed);
                     let search = Hybrid::new(seed);
                     self.work = Slot::Full(Work {
                         observation,
+                        guess,
                         search,
                         report,
                     });
@@ -343,15 +404,15 @@ impl Logger {
             passage: self.passages,
             start_sample: passage.start_sample,
             end_sample: passage.end_sample,
-            peak_mps2: passage.peak_mps2.iter().take(channels).copied().collect(),
+            peak: passage.peak.iter().take(channels).copied().collect(),
             level_db: level_db(passage.mean_square),
             quality: passage.quality,
             verdict: Verdict::NotIdentified(Reason::NoModel),
         }
     }
 
-    /// How the passage is to be simulated, or why it cannot be.
-    fn observe(&self, passage: &Passage) -> Result<Observation<f32>, Reason> {
+    /// How the passage is to be simulated, and what of it must be guessed first, or why it cannot be.
+    fn observe(&self, passage: &Passage) -> Result<(Observation<f32>, Option<FirstGuess>), Reason> {
         let Some(configuration) = self.configuration.as_ref().filter(|_| self.bridge.elements > 0) else {
             return Err(Reason::NoModel);
         };
@@ -370,10 +431,12 @@ impl Logger {
             .observe(traffic, &self.bridge, passage.first_sample)
             .map_err(Reason::Setup)?;
         let duration_s = rows as f32 / configuration.sample_rate_hz;
-        if !(0.0..duration_s).contains(&observation.run.entry_time_s) {
+        if traffic.entry_time_s.is_some() && !(0.0..duration_s).contains(&observation.run.entry_time_s) {
             return Err(Reason::NotThisTrain);
         }
-        Ok(observation)
+        let guess =
+            Unknown::of(traffic).map(|unknown| FirstGuess::new(&observation, samples, passage.strong(), unknown));
+        Ok((observation, guess))
     }
 
     fn decide(&mut self, found: &Identification) {

@@ -120,8 +120,11 @@ fn identify_says_what_it_needs() {
     fs::write(folder.path().join("rec.csv"), first_rows(&csv, 599)).expect("written");
     fs::write(folder.path().join("rec.toml"), TOML).expect("written");
     refused(&folder, &["identify", "rec.csv"], &["shorter than the passage"]);
-    fs::write(folder.path().join("rec.toml"), TOML.replace("speed_kmh = 60.0\n", "")).expect("written");
-    refused(&folder, &["identify", "rec.csv"], &["speed_kmh"]);
+    let without = TOML
+        .replace("bridge = \"girder50\"\n", "")
+        .replace("train = \"inspection-2dof\"\ncars = 1\n", "");
+    fs::write(folder.path().join("rec.toml"), without).expect("written");
+    refused(&folder, &["identify", "rec.csv"], &["must give bridge and train"]);
     fs::write(
         folder.path().join("rec.toml"),
         TOML.replace("entry_time_s = 1.0", "entry_time_s = 99.0"),
@@ -129,6 +132,78 @@ fn identify_says_what_it_needs() {
     .expect("written");
     refused(&folder, &["identify", "rec.csv"], &["entry_time_s"]);
     refused(&folder, &["identify", "absent.csv"], &["absent.csv"]);
+}
+
+#[test]
+fn a_recording_without_a_passage_does_not_tell_when_or_how_fast_the_train_was() {
+    // Four tenths of a second before the train, 0.9 s of silence and what the converter adds.
+    let quiet = first_rows(&shipped("healthy-60kmh.csv"), 180);
+    let folder = TempDir::new().expect("a folder");
+    fs::write(folder.path().join("rec.csv"), quiet).expect("written");
+    let without = TOML.replace("entry_time_s = 1.0\n", "");
+    fs::write(folder.path().join("rec.toml"), &without).expect("written");
+    refused(
+        &folder,
+        &["identify", "rec.csv"],
+        &["no passage is found", "entry_time_s"],
+    );
+
+    // The passage is there, but not when the train is said to have entered.
+    fs::write(folder.path().join("rec.csv"), late_passage()).expect("written");
+    let elsewhere = TOML
+        .replace("entry_time_s = 1.0", "entry_time_s = 0.5")
+        .replace("speed_kmh = 60.0\n", "");
+    fs::write(folder.path().join("rec.toml"), elsewhere).expect("written");
+    refused(
+        &folder,
+        &["identify", "rec.csv"],
+        &["no passage is found at 0.5 s", "speed_kmh"],
+    );
+
+    // Sixteen cars cannot have been there for so short a time.
+    fs::write(
+        folder.path().join("rec.toml"),
+        without
+            .replace("cars = 1", "cars = 16")
+            .replace("speed_kmh = 60.0\n", ""),
+    )
+    .expect("written");
+    fs::write(
+        folder.path().join("rec.csv"),
+        first_rows(&shipped("healthy-60kmh.csv"), 700),
+    )
+    .expect("written");
+    refused(
+        &folder,
+        &["identify", "rec.csv"],
+        &["no speed between 20 and 400 km/h", "cars"],
+    );
+}
+
+/// Five seconds of a quiet sensor, then a train.
+fn late_passage() -> String {
+    let csv = shipped("healthy-60kmh-noise5-3nodes.csv");
+    let rows: Vec<&str> = csv.lines().skip(1).collect();
+    let value = |row: &str| row.split(',').nth(2).expect("node 6").to_owned();
+    let mut text = "time_s,acc_node6_mps2\n".to_owned();
+    for (k, row) in rows.iter().take(190).cycle().take(1000).chain(&rows).enumerate() {
+        text += &format!("{:.3},{}\n", 0.005 * k as f64, value(row));
+    }
+    text
+}
+
+#[test]
+fn a_recording_of_displacements_alone_is_refused() {
+    let folder = TempDir::new().expect("a folder");
+    fs::write(folder.path().join("rec.csv"), shipped("case1-60kmh.csv")).expect("written");
+    fs::write(folder.path().join("rec.toml"), TOML.replace("m/s2", "mm")).expect("written");
+    for command in ["identify", "replay"] {
+        refused(
+            &folder,
+            &[command, "rec.csv"],
+            &["rec.csv", "at least one channel must measure an acceleration"],
+        );
+    }
 }
 
 #[test]

@@ -248,6 +248,182 @@ fn a_simulated_passage_describes_itself() {
     assert_ne!(bytes("x.csv"), bytes("other.csv"));
 }
 
+const RECORDER: [&str; 4] = ["--rate-hz", "200", "--antialias-hz", "40"];
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).expect("one JSON object")
+}
+
+#[test]
+fn what_is_withheld_is_left_out_of_the_toml_and_estimated() {
+    let folder = folder();
+    let flags = ["--noise", "0.02", "--withhold", "speed,entry,load", "-o", "x.csv"];
+    succeeds(folder.path(), &[&PASSAGE[..], &RECORDER, &flags].concat());
+    let toml = fs::read_to_string(folder.path().join("x.toml")).expect("the TOML");
+    for key in ["speed_kmh", "entry_time_s", "load_factor"] {
+        assert!(!toml.lines().any(|line| line.starts_with(key)), "{toml}");
+    }
+    assert!(toml.contains("--withhold speed,entry,load"), "{toml}");
+
+    let found = json(&succeeds(folder.path(), &["identify", "x.csv", "--json"]));
+    let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("no {key} in {found}"));
+    // No worse than the ranges of the first guess.
+    assert!((number("speed_kmh") / 60.0 - 1.0).abs() < 0.15, "{found}");
+    assert!((number("entry_time_s") - 1.0).abs() < 0.4, "{found}");
+    assert!((number("load_factor") - 1.0).abs() < 0.3, "{found}");
+    assert_eq!(number("stiffness_factor"), 1.0);
+    assert_eq!(
+        found["estimated"],
+        serde_json::json!(["speed_kmh", "entry_time_s", "load_factor"])
+    );
+    let words = succeeds(folder.path(), &["identify", "x.csv"]);
+    assert_eq!(words.matches("(estimated)").count(), 3, "{words}");
+}
+
+#[test]
+fn what_the_toml_gives_is_said_to_be_given_and_comes_back_as_it_is() {
+    let folder = folder();
+    succeeds(folder.path(), &[&PASSAGE[..], &RECORDER, &["-o", "x.csv"]].concat());
+    let found = json(&succeeds(folder.path(), &["identify", "x.csv", "--json"]));
+    assert_eq!(
+        (
+            &found["speed_kmh"],
+            &found["entry_time_s"],
+            &found["load_factor"],
+            &found["estimated"]
+        ),
+        (&60.0.into(), &1.0.into(), &1.0.into(), &serde_json::json!([]))
+    );
+    let words = succeeds(folder.path(), &["identify", "x.csv"]);
+    assert!(
+        words.starts_with("Train: 60.00 km/h (given), first axle enters at 1.000 s (given), load 1.000 (given).\n"),
+        "{words}"
+    );
+
+    // With a range it is a first guess.
+    let toml = fs::read_to_string(folder.path().join("x.toml")).expect("the TOML");
+    let unsure = toml.replace(
+        "\n[[channel]]",
+        "\n[range]\nentry_s = 0.1\nstiffness = 0.05\n\n[[channel]]",
+    );
+    fs::write(folder.path().join("x.toml"), unsure).expect("written");
+    let found = json(&succeeds(folder.path(), &["identify", "x.csv", "--json"]));
+    assert_eq!(
+        found["estimated"],
+        serde_json::json!(["entry_time_s", "stiffness_factor"])
+    );
+    let words = succeeds(folder.path(), &["identify", "x.csv"]);
+    assert!(
+        words.contains("whole bridge") && words.contains("of its model's stiffness (estimated)"),
+        "{words}"
+    );
+}
+
+#[test]
+fn of_several_passages_the_strongest_is_identified_and_that_is_said() {
+    let folder = folder();
+    let flags = [
+        "--noise",
+        "0.05",
+        "--tail-s",
+        "14",
+        "--withhold",
+        "entry",
+        "-o",
+        "x.csv",
+    ];
+    succeeds(folder.path(), &[&PASSAGE[..], &RECORDER, &flags].concat());
+    let (_, columns) = columns(&folder.path().join("x.csv"));
+    let (count, mut text) = (columns[0].len(), "time_s,acc_node6_mps2\n".to_owned());
+    for (k, (loads, value)) in [1.0, 1.5, 1.0]
+        .iter()
+        .flat_map(|load| columns[1].iter().map(move |v| (load, v)))
+        .enumerate()
+    {
+        text += &format!("{:.3},{}\n", 0.005 * k as f64, loads * value);
+    }
+    fs::write(folder.path().join("x.csv"), text).expect("written");
+    let output = host_sim(folder.path(), &["identify", "x.csv", "--json"]);
+    let note = self::text(&output.stderr);
+    assert!(output.status.success(), "{note}");
+    assert!(
+        note.starts_with("note: x.csv: 3 passages; the strongest, at "),
+        "{note}"
+    );
+    assert_eq!(note.lines().count(), 1, "{note}");
+    let entry_s = json(&self::text(&output.stdout))["entry_time_s"]
+        .as_f64()
+        .expect("an entry time");
+    assert!((entry_s - 0.005 * count as f64 - 1.0).abs() < 0.4, "{entry_s}");
+}
+
+#[test]
+fn a_softer_bridge_is_one_that_has_lost_as_much_everywhere() {
+    let folder = folder();
+    let made = |name: &str, more: &[&str]| {
+        succeeds(folder.path(), &[&PASSAGE[..], more, &["-o", name]].concat());
+        columns(&folder.path().join(name)).1.remove(1)
+    };
+    let damage: Vec<String> = (1..=10)
+        .map(|e| format!("--damage={e}={}", if e == 5 { 0.55 } else { 0.1 }))
+        .collect();
+    let damage: Vec<&str> = damage.iter().map(String::as_str).collect();
+    let softer = made("soft.csv", &["--stiffness-factor", "0.9", "--damage", "5=0.5"]);
+    // Written with nine digits.
+    assert!(relative_rms(&softer, &made("damaged.csv", &damage)) < 1e-7);
+    let toml = fs::read_to_string(folder.path().join("soft.toml")).expect("the TOML");
+    assert!(
+        toml.contains("--stiffness-factor 0.9") && toml.contains("# True damage: element 5 50 %."),
+        "{toml}"
+    );
+    assert!(
+        toml.contains("# True stiffness of the whole bridge: 0.9 of the model's."),
+        "{toml}"
+    );
+}
+
+#[test]
+fn displacements_are_recorded_replayed_and_identified_beside_accelerations() {
+    let folder = folder();
+    let made = |name: &str, quantity: &str| {
+        let flags = ["--damage", "5=0.3", "--quantity", quantity, "-o", name];
+        succeeds(folder.path(), &[&PASSAGE[..], &RECORDER, &flags].concat());
+        let read =
+            |extension: &str| fs::read_to_string(folder.path().join(name).with_extension(extension)).expect("written");
+        (read("csv"), read("toml"))
+    };
+    let ((acceleration, toml), (displacement, other)) = (made("a.csv", "acceleration"), made("d.csv", "displacement"));
+    let mixed: String = (acceleration.lines().zip(displacement.lines()))
+        .map(|(a, d)| format!("{a},{}\n", d.split(',').nth(1).expect("a value")))
+        .collect();
+    let channel = &other[other.find("[[channel]]").expect("a channel")..];
+    fs::write(folder.path().join("m.csv"), mixed).expect("written");
+    fs::write(folder.path().join("m.toml"), format!("{toml}\n{channel}")).expect("written");
+
+    let found = json(&succeeds(folder.path(), &["identify", "m.csv", "--json"]));
+    assert!(
+        (found["damage"][4].as_f64().expect("element 5") - 0.3).abs() < 0.01,
+        "{found}"
+    );
+    let said = succeeds(folder.path(), &["replay", "m.csv"]);
+    assert!(said.contains("m/s² and ") && said.contains(" mm, level"), "{said}");
+    let told = succeeds(folder.path(), &["replay", "m.csv", "--json"]);
+    let passage = told
+        .lines()
+        .map(json)
+        .find(|told| told["event"] == "passage")
+        .expect("a passage");
+    let peak_mm = passage["peak_mm"][1].as_f64().expect("a peak");
+    assert!(
+        (1.0..20.0).contains(&peak_mm) && passage["peak_mm"][0].is_null(),
+        "{passage}"
+    );
+    assert!(
+        passage["peak_mps2"][0].is_f64() && passage["peak_mps2"][1].is_null(),
+        "{passage}"
+    );
+}
+
 #[test]
 fn bad_flags_of_simulate_are_refused_and_nothing_is_written() {
     let folder = folder();
@@ -282,6 +458,12 @@ fn bad_flags_of_simulate_are_refused_and_nothing_is_written() {
         (&["--antialias-hz", "600"], "--antialias-hz 600 needs steps shorter"),
         (&["--noise", "-0.1"], "--noise must be zero or positive"),
         (&["--load-factor", "0"], "--load-factor must be a positive number"),
+        (&["--stiffness-factor", "0.2"], "--stiffness-factor must be 0.3 to 2"),
+        (
+            &["--stiffness-factor", "nan"],
+            "--stiffness-factor must be a positive number",
+        ),
+        (&["--withhold", "mass"], "mass"),
         (&["--tail-s", "-1"], "--tail-s must be zero or positive"),
         (&["-o", "x.txt"], "x.txt: a recording is named by its file .csv"),
         (&["-o", "absent/x.csv"], "its folder does not exist"),

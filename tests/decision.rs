@@ -76,9 +76,9 @@ fn a_train_that_is_not_the_one_announced_is_not_taken_for_damage() {
     ] {
         let mut prepared = prepared("healthy-60kmh-noise5-3nodes.csv");
         let traffic = prepared.configuration.traffic.as_mut().expect("a train");
-        traffic.speed_mps = (speed_kmh / 3.6_f64) as f32;
+        traffic.speed_mps = Some((speed_kmh / 3.6_f64) as f32);
         traffic.load_factor = load_factor;
-        traffic.entry_time_s += entry_shift_s;
+        traffic.entry_time_s = traffic.entry_time_s.map(|entry_s| entry_s + entry_shift_s);
         assert_eq!(
             verdict(&prepared),
             Verdict::NotIdentified(Reason::Unexplained),
@@ -90,7 +90,7 @@ fn a_train_that_is_not_the_one_announced_is_not_taken_for_damage() {
 #[test]
 fn a_train_announced_for_another_time_is_not_this_one() {
     let mut prepared = prepared("case1-60kmh.csv");
-    prepared.configuration.traffic.as_mut().expect("a train").entry_time_s = 3600.0;
+    prepared.configuration.traffic.as_mut().expect("a train").entry_time_s = Some(3600.0);
     assert_eq!(verdict(&prepared), Verdict::NotIdentified(Reason::NotThisTrain));
     prepared.configuration.traffic = None;
     assert_eq!(verdict(&prepared), Verdict::NotIdentified(Reason::NoTraffic));

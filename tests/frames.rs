@@ -45,10 +45,10 @@ fn requests() -> Vec<Request> {
                 backward: true,
                 train: TrainKind::Inspection2Dof,
                 cars: 16,
-                speed_mps: 75.0,
-                entry_time_s: 1e9,
+                speed_mps: Some(75.0),
+                entry_time_s: Some(1e9),
                 load_factor: 1.0,
-                ranges: Ranges::HELD,
+                ranges: Ranges::WIDEST,
             }),
             seed: u64::MAX,
         }),
@@ -105,7 +105,7 @@ fn events() -> Vec<Event> {
         passage: 1,
         start_sample: 2,
         end_sample: 3,
-        peak_mps2: [1.0; CHANNELS].into_iter().collect(),
+        peak: [1.0; CHANNELS].into_iter().collect(),
         level_db: 100.0,
         quality: Quality::default(),
         verdict: Verdict::Healthy {
@@ -177,6 +177,28 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
         });
     }
     assert_eq!(decoder.rejections().total(), 0);
+}
+
+#[test]
+fn what_is_not_known_of_a_train_stays_unknown_on_the_line() {
+    let Some(Request::Configure(announced)) = requests().into_iter().next() else {
+        panic!("a configuration")
+    };
+    for (speed_mps, entry_time_s) in [(None, None), (None, Some(2.5)), (Some(20.0), None)] {
+        let mut configuration = announced.clone();
+        let traffic = configuration.traffic.as_mut().expect("a train");
+        (traffic.speed_mps, traffic.entry_time_s) = (speed_mps, entry_time_s);
+        configuration.channels[0].quantity = Quantity::Displacement;
+        assert!(configuration.check().is_ok());
+        let request = Request::Configure(configuration);
+        let bytes = bytes_of(Kind::Request, 1, &request);
+        let mut decoder = Decoder::new();
+        let mut read = Vec::new();
+        for &byte in &bytes {
+            read.extend(decoder.push(byte).and_then(|frame| frame.message::<Request>()));
+        }
+        assert_eq!(read, [request]);
+    }
 }
 
 #[test]

@@ -26,7 +26,7 @@ fn passages(name: &str) -> Vec<(f64, f64)> {
             let Told::Passage { report, start_s, end_s } = told else {
                 panic!("an alert without a model")
             };
-            println!("{}", words::passage(report, *start_s, *end_s));
+            println!("{}", words::passage(report, &prepared.quantities(), *start_s, *end_s));
             assert!(matches!(report.verdict, Verdict::NotIdentified(_)));
             assert_eq!(report.quality.total(), 0);
             found.push((*start_s, *end_s));

@@ -4,10 +4,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use host_sim::recording::{Channel, DEFAULT_FULL_SCALE_COUNTS, DEFAULT_LSB_MPS2, Recording, Run, Unit};
+use host_sim::recording::{
+    Channel, DEFAULT_FULL_SCALE_COUNTS, DEFAULT_LSB_M, DEFAULT_LSB_MPS2, Margins, Recording, Run, Unit,
+};
+use host_sim::replay;
 use host_sim::train::TrainName;
 use spanwatch::interaction::Direction;
-use spanwatch::wire::message::TrainKind;
+use spanwatch::wire::message::{Ranges, TrainKind};
 use tempfile::TempDir;
 
 const TOML: &str = r#"bridge = "girder50"
@@ -25,6 +28,8 @@ unit = "m/s2"
 "#;
 const CSV: &str = "time_s,acc_node6_mps2\n0.000,0.1\n0.005,-0.2\n0.010,0.3\n";
 
+/// 60 km/h.
+const SPEED_MPS: f32 = (60.0_f64 / 3.6) as f32;
 /// Values are written with nine digits.
 const WRITTEN_DIGITS: f64 = 1e-8;
 
@@ -76,6 +81,63 @@ fn units_are_converted_and_further_columns_passed_over() {
     assert_eq!(recording.channels[0].values, [0.5 * 9.80665, 9.80665]);
     assert_eq!(recording.channels[1].values, [1.0, -0.5]);
     assert_eq!((recording.bridge, recording.train, recording.cars), (None, None, None));
+}
+
+#[test]
+fn accelerations_and_displacements_stand_beside_each_other() {
+    let toml = format!(
+        "{TOML}\n[[channel]]\ncolumn = \"d\"\nnode = 6\nunit = \"mm\"\n[[channel]]\ncolumn = \"e\"\nnode = 3\nunit = \"mm\"\nlsb_mm = 0.5\n"
+    );
+    let recording = read(
+        "time_s,acc_node6_mps2,d,e\n0,0.1,-2,0.74\n0.005,-0.2,1e-3,-1e9\n",
+        &toml,
+    );
+    assert_eq!(recording.channels[1].values, [-2e-3, 1e-6]);
+    assert_eq!(
+        (recording.channels[1].lsb, recording.channels[2].lsb),
+        (DEFAULT_LSB_M, 5e-4)
+    );
+    let counts = recording.to_counts();
+    assert_eq!(counts[1], (-2e-3 / f64::from(DEFAULT_LSB_M)).round() as i32);
+    assert_eq!((counts[2], counts[5]), (1, -DEFAULT_FULL_SCALE_COUNTS));
+    // The converter that is assumed: 24 bits over ± 100 mm.
+    assert!((f64::from(DEFAULT_LSB_M) * f64::from(1 << 24) / 0.2 - 1.0).abs() < 1e-7);
+}
+
+#[test]
+fn what_the_toml_gives_is_held_and_what_it_does_not_give_or_calls_unsure_is_not() {
+    let told = |toml: &str| {
+        let (_folder, path) = written(CSV, Some(toml));
+        let prepared = replay::prepare(&path, None, 1).unwrap_or_else(|error| panic!("{error:#}"));
+        prepared.configuration.traffic.expect("a train")
+    };
+    let traffic = told(TOML);
+    assert_eq!(traffic.ranges, Ranges::HELD);
+    assert_eq!((traffic.speed_mps, traffic.entry_time_s), (Some(SPEED_MPS), Some(1.0)));
+
+    let without: String = (TOML.lines())
+        .filter(|line| !["speed", "entry", "load"].iter().any(|key| line.starts_with(key)))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    let traffic = told(&without);
+    assert_eq!((traffic.speed_mps, traffic.entry_time_s), (None, None));
+    // An absent load factor is estimated, not 1; the bridge's stiffness is held even then.
+    assert_eq!(traffic.load_factor, 1.0);
+    let ranges = Ranges {
+        load: 0.3,
+        ..Ranges::HELD
+    };
+    assert_eq!(traffic.ranges, ranges);
+
+    let unsure = "\n[range]\nspeed = 0.01\nentry_s = 0.2\nload = 0.1\nstiffness = 0.05\n";
+    let traffic = told(&TOML.replace("\n[[", &format!("{unsure}[[")));
+    let ranges = Ranges {
+        speed: 0.01,
+        entry_s: 0.2,
+        load: 0.1,
+        stiffness: 0.05,
+    };
+    assert_eq!((traffic.speed_mps, traffic.ranges), (Some(SPEED_MPS), ranges));
 }
 
 #[test]
@@ -148,8 +210,10 @@ fn what_is_written_is_read_again() {
         Unit::StandardGravity,
         vec![1.234_567_891, -1e-7, 0.0],
     );
-    channel.lsb_mps2 = 1e-4;
+    channel.lsb = 1e-4;
     channel.full_scale_counts = 32_767;
+    let mut displacement = Channel::new("d".to_owned(), Some(6), Unit::Millimetre, vec![-1.5e-3, 2e-9, 0.0]);
+    displacement.lsb = 1.7e-7;
     let recording = Recording {
         acceleration_mps2: -0.25,
         direction: Direction::Backward,
@@ -167,13 +231,19 @@ fn what_is_written_is_read_again() {
                 rows: 1,
             },
         ],
-        channels: vec![channel],
+        channels: vec![channel, displacement],
         bridge: Some("a \"b\"".to_owned()),
         train: Some(TrainName::Known(TrainKind::Inspection2Dof)),
         cars: Some(16),
         speed_kmh: Some(123.4),
         entry_time_s: Some(-0.25),
         load_factor: Some(0.9),
+        margins: Margins {
+            speed: Some(0.02),
+            entry_s: Some(0.0),
+            load: None,
+            stiffness: Some(0.3),
+        },
         antialias_hz: None,
         track: Some("track.csv".to_owned()),
     };
@@ -183,13 +253,15 @@ fn what_is_written_is_read_again() {
     let toml = fs::read_to_string(path.with_extension("toml")).expect("the TOML");
     assert!(toml.starts_with("# a remark\n# of two lines\n"), "{toml}");
     let mut again = Recording::read(&path).unwrap_or_else(|error| panic!("{error:#}"));
-    for (found, expected) in again.channels[0].values.iter().zip(&recording.channels[0].values) {
-        assert!((found - expected).abs() <= WRITTEN_DIGITS * expected.abs());
+    for (found, expected) in again.channels.iter_mut().zip(&recording.channels) {
+        for (found, expected) in found.values.iter().zip(&expected.values) {
+            assert!((found - expected).abs() <= WRITTEN_DIGITS * expected.abs());
+        }
+        found.values.clone_from(&expected.values);
     }
     // Times are written to the nanosecond.
     assert!((again.interval_s - recording.interval_s).abs() < 1e-9);
     again.interval_s = recording.interval_s;
-    again.channels[0].values.clone_from(&recording.channels[0].values);
     assert_eq!(again, recording);
 }
 
@@ -312,8 +384,44 @@ fn a_refusal_names_file_line_and_column() {
         // What is wrong with the description.
         (
             CSV,
-            with("= \"m/s2\"", "= \"mm\""),
-            "rec.toml: line 12, column 8: channel \"acc_node6_mps2\" is a displacement",
+            format!("{TOML}lsb_mm = 1e-5\n"),
+            "rec.toml: line 13, column 10: lsb_mm is of a displacement, but channel \"acc_node6_mps2\" is an acceleration",
+        ),
+        (
+            CSV,
+            with("= \"m/s2\"", "= \"mm\"\nlsb_mps2 = 1e-5"),
+            "rec.toml: line 13, column 12: lsb_mps2 is of an acceleration, but channel \"acc_node6_mps2\" is a displacement",
+        ),
+        (
+            CSV,
+            with("= \"m/s2\"", "= \"mm\"\nlsb_mm = 0"),
+            "rec.toml: line 13, column 10: lsb_mm must be positive, not 0",
+        ),
+        // What is wrong with what is said to be unsure.
+        (
+            CSV,
+            with("\n[[", "\n[range]\nspeed = -0.1\n[["),
+            "rec.toml: line 10, column 9: speed in [range] must be 0 (held) or positive, and at most 0.5, not -0.1",
+        ),
+        (
+            CSV,
+            with("\n[[", "\n[range]\nstiffness = 0.31\n[["),
+            "stiffness in [range] must be 0 (held) or positive, and at most 0.3, not 0.31",
+        ),
+        (
+            CSV,
+            with("\n[[", "\n[range]\nload = nan\n[["),
+            "load in [range] must be 0 (held) or positive",
+        ),
+        (
+            CSV,
+            with("entry_time_s = 1.0\n", "").replace("\n[[", "\n[range]\nentry_s = 1\n[["),
+            "entry_s in [range] says how far off entry_time_s may be, but there is no entry_time_s",
+        ),
+        (
+            CSV,
+            with("\n[[", "\n[range]\nspeed_kmh = 0.1\n[["),
+            "rec.toml: line 10, column 1: unknown field `speed_kmh`",
         ),
         (
             CSV,

@@ -1,7 +1,7 @@
 //! Promises of the stream: the size of the blocks does not matter, memory is constant, bad samples are counted, flagged and
 //! survived, and one passage does not spoil the next.
 
-use spanwatch::logger::Logger;
+use spanwatch::logger::{ConfigurationError, Logger};
 use spanwatch::wire::message::{
     Channel, Configuration, Event, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, TrainKind, Trigger,
     Verdict,
@@ -27,6 +27,18 @@ fn configuration(channels: usize) -> Configuration {
         seed: 1,
     }
 }
+
+/// An inspection car that is announced with all that can be said of it.
+const TRAIN: Traffic = Traffic {
+    acceleration_mps2: 0.0,
+    backward: false,
+    train: TrainKind::Inspection2Dof,
+    cars: 1,
+    speed_mps: Some(20.0),
+    entry_time_s: Some(1.0),
+    load_factor: 1.0,
+    ranges: Ranges::HELD,
+};
 
 /// Pseudo-random noise of a few counts, so that quiet channels are alive.
 fn noise(sample: usize) -> i32 {
@@ -94,7 +106,7 @@ fn a_passage_is_found_with_its_time_before_and_free_vibration_after() {
     );
     assert!((8.0..9.5).contains(&seconds(report.end_sample)), "{report:?}");
     assert!(
-        (report.peak_mps2[0] - 0.04).abs() < 0.001,
+        (report.peak[0] - 0.04).abs() < 0.001,
         "the offset is removed: {report:?}"
     );
     assert_eq!(report.verdict, Verdict::NotIdentified(Reason::NoModel));
@@ -178,16 +190,7 @@ fn what_makes_no_sense_is_refused() {
     assert!(logger.push(0, &[1, 2, 3]).is_err(), "no configuration yet");
     let refused = |change: fn(&mut Configuration)| {
         let mut configuration = configuration(2);
-        configuration.traffic = Some(Traffic {
-            acceleration_mps2: 0.0,
-            backward: false,
-            train: TrainKind::Inspection2Dof,
-            cars: 1,
-            speed_mps: 20.0,
-            entry_time_s: 1.0,
-            load_factor: 1.0,
-            ranges: Ranges::HELD,
-        });
+        configuration.traffic = Some(TRAIN);
         assert!(configuration.check().is_ok());
         change(&mut configuration);
         configuration.check().is_err()
@@ -205,11 +208,31 @@ fn what_makes_no_sense_is_refused() {
     assert!(refused(|c| c.sample_rate_hz = 10.0), "a window of 2 samples");
     assert!(refused(|c| c.antialias_hz = Some(0.0)));
     assert!(refused(|c| c.traffic.as_mut().expect("there").cars = 17));
-    assert!(refused(|c| c.traffic.as_mut().expect("there").speed_mps = f32::NAN));
     assert!(refused(
-        |c| c.traffic.as_mut().expect("there").entry_time_s = f64::INFINITY
+        |c| c.traffic.as_mut().expect("there").speed_mps = Some(f32::NAN)
+    ));
+    assert!(refused(
+        |c| c.traffic.as_mut().expect("there").entry_time_s = Some(f64::INFINITY)
     ));
     assert!(refused(|c| c.traffic.as_mut().expect("there").load_factor = 0.0));
+    for bad in [-0.01, f32::NAN, f32::INFINITY, 11.0] {
+        for range in 0..4 {
+            let mut configuration = configuration(1);
+            configuration.traffic = Some(TRAIN);
+            let ranges = &mut configuration.traffic.as_mut().expect("there").ranges;
+            *[
+                &mut ranges.speed,
+                &mut ranges.entry_s,
+                &mut ranges.load,
+                &mut ranges.stiffness,
+            ][range] = bad;
+            assert_eq!(configuration.check(), Err(ConfigurationError::Ranges), "{range}: {bad}");
+        }
+    }
+    assert!(refused(|c| c.channels[0].lsb = 1e-13), "no acceleration is so small");
+    assert!(refused(|c| for channel in &mut c.channels {
+        channel.quantity = Quantity::Displacement;
+    }));
 
     logger.configure(configuration(2)).expect("sound");
     assert!(logger.push(0, &[1, 2, 3]).is_err(), "one and a half rows");
@@ -264,4 +287,96 @@ fn an_empty_block_says_nothing_of_a_gap() {
     }
     logger.push(196, &counts[196..292]).expect("a block");
     assert_eq!(logger.quality().missing, 100);
+}
+
+/// An accelerometer, and a displacement sensor of 0.1 µm a count beside it.
+fn mixed() -> Configuration {
+    let mut mixed = configuration(2);
+    mixed.channels[1].quantity = Quantity::Displacement;
+    mixed.channels[1].lsb = 1e-7;
+    mixed
+}
+
+#[test]
+fn a_displacement_beside_an_acceleration_changes_nothing_of_what_is_found() {
+    let accelerations = passage(20 * RATE_HZ, 5, 8, 4_000.0);
+    let (alone, _) = run(&configuration(1), &accelerations, 32);
+    // It sags by 8 mm while the train is there, on an offset of 20 mm.
+    let sag = |k: usize| {
+        if (5 * RATE_HZ..8 * RATE_HZ).contains(&k) {
+            -80_000
+        } else {
+            0
+        }
+    };
+    let counts: Vec<i32> = (accelerations.iter().enumerate())
+        .flat_map(|(k, &acceleration)| [acceleration, 200_000 + sag(k) + noise(k + 7)])
+        .collect();
+    let (found, quality) = run(&mixed(), &counts, 32);
+    assert_eq!(quality, Quality::default());
+    let ([alone], [found]) = (alone.as_slice(), found.as_slice()) else {
+        panic!("{alone:?} {found:?}")
+    };
+    assert_eq!(
+        (found.start_sample, found.end_sample),
+        (alone.start_sample, alone.end_sample)
+    );
+    assert_eq!((found.peak[0], found.level_db), (alone.peak[0], alone.level_db));
+    // In metres, without its offset, to a hundredth.
+    assert!((found.peak[1] - 8e-3).abs() < 8e-5, "{found:?}");
+}
+
+#[test]
+fn a_displacement_that_moves_alone_is_no_passage() {
+    // The sun bends the bridge by millimetres, and somebody leans against the sensor.
+    let counts: Vec<i32> = (0..60 * RATE_HZ)
+        .flat_map(|k| {
+            let leans = if (30 * RATE_HZ..33 * RATE_HZ).contains(&k) {
+                50_000
+            } else {
+                0
+            };
+            [noise(k), (k as i32) * 4 + leans + noise(k + 7)]
+        })
+        .collect();
+    assert_eq!(run(&mixed(), &counts, 48).0, []);
+}
+
+#[test]
+fn a_saturated_or_stuck_displacement_is_counted_like_any_other_channel() {
+    let accelerations = passage(20 * RATE_HZ, 5, 8, 4_000.0);
+    let counts: Vec<i32> = (accelerations.iter().enumerate())
+        .flat_map(|(k, &acceleration)| {
+            let displacement = match k {
+                1_200..1_210 => FULL_SCALE,
+                1_300..1_350 => 777,
+                _ => noise(k + 7),
+            };
+            [acceleration, displacement]
+        })
+        .collect();
+    let (found, _) = run(&mixed(), &counts, 32);
+    let stuck = 50 - 1 - 19;
+    assert_eq!(
+        found[0].quality,
+        Quality {
+            missing: 0,
+            saturated: 10,
+            stuck
+        }
+    );
+}
+
+#[test]
+fn a_logger_with_displacements_alone_is_told_what_it_needs() {
+    let mut alone = mixed();
+    alone.channels.remove(0);
+    let error = alone.check().expect_err("no acceleration");
+    assert_eq!(error, ConfigurationError::NoAcceleration);
+    assert!(
+        error
+            .to_string()
+            .contains("at least one channel must measure an acceleration"),
+        "{error}"
+    );
 }

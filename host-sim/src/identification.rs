@@ -7,11 +7,14 @@ use anyhow::{Context, Result, bail};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
+use spanwatch::guess::{self, FirstGuess, Progress, Unknown};
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Pass, Problem};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
-use spanwatch::interaction::{Hypothesis, Observation, SetupError};
+use spanwatch::interaction::{Hypothesis, Observation, Run, SetupError};
+use spanwatch::passage::{Passage, Stream};
 use spanwatch::train::PlanarTrain;
+use spanwatch::wire::message::Quantity;
 
 use crate::model::reduce::reduce;
 use crate::model::{BridgeFrame, Structure};
@@ -56,6 +59,10 @@ pub struct Found {
     pub damage: Damage<f32>,
     /// Standard deviation of each; a genetic search alone gives none.
     pub std: Option<Damage<f32>>,
+    /// How the train ran; the entry time counts from the passage's first sample.
+    pub run: Run<f32>,
+    /// Stiffness of the whole bridge, as a part of its model's; the damage counts from there.
+    pub stiffness_factor: f32,
     /// The damage to the nearest 10 %.
     pub code: DamageCode,
     /// Misfit, (m/s²)²: of the damage itself for [`Method::Hybrid`], else of the code.
@@ -110,6 +117,8 @@ pub fn search(
             };
             Ok(Found {
                 damage: found.estimate.damage,
+                run: found.run,
+                stiffness_factor: found.stiffness,
                 std: Some(found.estimate.std),
                 code: found.code,
                 objective: found.objective,
@@ -144,6 +153,9 @@ fn run(problem: &Problem<'_>, search: &mut impl CodeSearch, known: &Known, step:
     let code = code.within(problem.bridge.elements);
     Ok(Found {
         damage: code.damage(),
+        // A genetic search alone takes the run as it is expected.
+        run: problem.observation.run,
+        stiffness_factor: 1.0,
         std: None,
         code,
         objective,
@@ -163,10 +175,12 @@ pub struct Observed {
     pub bridge: ReducedBridge<f32>,
     /// Train, sensors and recorder.
     pub observation: Observation<f32>,
-    /// Accelerations without offset, m/s², channel after channel within a sample; not-a-number where there is none.
+    /// Accelerations (displacements) without offset, m/s² (m), channel after channel within a sample; not-a-number where there is none.
     pub samples: Vec<f32>,
     /// Index in the recording's stream of the first of them.
     pub first_sample: u64,
+    /// What the user should know of the choice of the passage.
+    pub note: Option<String>,
 }
 
 impl Observed {
@@ -199,64 +213,119 @@ impl Observed {
                 .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
                 .collect(),
             first_sample: 0,
+            note: None,
         })
     }
 
     /// The passage that a recording describes: from [`BEFORE_S`] before the first axle enters to [`AFTER_S`] after the last one has
     /// left. More quiet time would add samples that say nothing, and make the answer look surer than it is.
     ///
+    /// What the recording does not say of speed and entry is [guessed](FirstGuess) from the passage that a logger's trigger finds at
+    /// the entry time; without an entry time it is the strongest in the file.
+    ///
     /// # Errors
-    /// The recording does not say which bridge, which train, how fast and when, or ends before the train has left.
+    /// The recording does not say which bridge and train, no passage is found in it, or it ends before the train has left.
     pub fn recorded(prepared: &Prepared) -> Result<Self> {
         let name = prepared.path.display();
         let missing = prepared.missing_keys();
         if !missing.is_empty() {
             bail!(
-                "{name}: to identify damage the recording's TOML must give {}; this version does not estimate them",
-                missing.join(", ")
+                "{name}: to identify damage the recording's TOML must give {}",
+                missing.join(" and ")
             );
         }
         let (Some(bridge), Some(traffic)) = (&prepared.bridge, &prepared.configuration.traffic) else {
-            bail!("{name}: bridge and train are not known");
+            let train = prepared.recording.train.as_ref().map_or("", TrainName::name);
+            bail!("{name}: the logger's search does not know train \"{train}\"");
         };
         let bridge = bridge.cast::<f32>();
+        let start_s = prepared.recording.start_s;
         let duration_s = prepared.recording.duration_s();
-        if !(0.0..duration_s).contains(&traffic.entry_time_s) {
+        if let Some(entry_s) = traffic.entry_time_s.filter(|entry| !(0.0..duration_s).contains(entry)) {
             bail!(
                 "{name}: the train enters at {} s of file time, but the recording ends at {} s; check entry_time_s",
-                traffic.entry_time_s + prepared.recording.start_s,
-                duration_s + prepared.recording.start_s
+                entry_s + start_s,
+                duration_s + start_s
             );
         }
-        let mut observation = prepared
-            .configuration
+        let mut observation = (prepared.configuration)
             .observe(traffic, &bridge, 0)
             .with_context(|| name.to_string())?;
+        let channels = prepared.recording.channels.len();
+        let rate = prepared.recording.rate_hz();
+        let mut note = None;
+        let (all, entry_s) = match traffic.entry_time_s.filter(|_| traffic.speed_mps.is_some()) {
+            Some(entry_s) => (samples(prepared, (entry_s * rate) as usize), entry_s),
+            None => {
+                let (passage, of) = strongest(prepared, traffic.entry_time_s)?;
+                if of > 1 {
+                    note = Some(format!(
+                        "{name}: {of} passages; the strongest, at {:.2} s of file time, is taken; entry_time_s in the TOML names another",
+                        passage.start_sample as f64 / rate + start_s
+                    ));
+                }
+                let quiet = passage
+                    .strong_sample
+                    .saturating_sub((2.0 * f64::from(guess::RISE_S) * rate) as u64);
+                let all = samples(prepared, quiet as usize);
+                let (first, next) = (passage.first_sample as usize, passage.next_sample as usize);
+                let kept = &all[first * channels..(next * channels).min(all.len())];
+                // The entry counts from the first sample of the passage until it is known.
+                observation.run.entry_time_s -= (first as f64 / rate) as f32;
+                let unknown = Unknown {
+                    speed: traffic.speed_mps.is_none(),
+                    entry: traffic.entry_time_s.is_none(),
+                };
+                let mut first_guess = FirstGuess::new(&observation, kept, passage.strong(), unknown);
+                let guessed = loop {
+                    match first_guess.advance(&bridge, &mut observation, kept)? {
+                        Progress::More => {}
+                        Progress::Found => break f64::from(observation.run.entry_time_s) + first as f64 / rate,
+                        Progress::NotThisTrain => bail!(
+                            "{name}: no speed between 20 and 400 km/h brings this train over the bridge within the passage from \
+                             {:.2} s to {:.2} s of file time; check train and cars, and that the recording goes on until the bridge is quiet",
+                            passage.start_sample as f64 / rate + start_s,
+                            passage.next_sample as f64 / rate + start_s
+                        ),
+                    }
+                };
+                (all, traffic.entry_time_s.unwrap_or(guessed))
+            }
+        };
+        observation.run.entry_time_s = entry_s as f32;
         let length_m = observation.cars.train().length_m() + bridge.path.length_m();
-        let Some(left) = observation.run.time_at_s(length_m) else {
+        let left_s = |speed_part: f32| {
+            let mut run = observation.run;
+            run.speed_mps *= speed_part;
+            run.time_at_s(length_m).map(f64::from)
+        };
+        // Held, it must have left; only guessed, it may have left sooner.
+        let (Some(soonest), Some(left), Some(latest)) = (
+            left_s(1.0 + observation.ranges.speed),
+            left_s(1.0),
+            left_s(1.0 - observation.ranges.speed).or(left_s(1.0)),
+        ) else {
             bail!("{name}: {}", SetupError::Stops)
         };
-        let left_s = f64::from(left);
         // The last sample may come just before the moment at which the last axle leaves.
-        if left_s > duration_s + 2.0 * prepared.recording.interval_s {
+        let entry_range_s = f64::from(observation.ranges.entry_s);
+        if soonest - entry_range_s > duration_s + 2.0 * prepared.recording.interval_s {
             bail!(
                 "{name}: the recording is shorter than the passage: the last axle leaves the bridge at {:.2} s of file \
                  time, the recording ends at {:.2} s",
-                left_s + prepared.recording.start_s,
-                duration_s + prepared.recording.start_s
+                left + start_s,
+                duration_s + start_s
             );
         }
-        let all = samples(prepared);
-        let channels = prepared.recording.channels.len();
-        let rate = prepared.recording.rate_hz();
-        let first = ((traffic.entry_time_s - BEFORE_S).max(0.0) * rate) as usize;
-        let last = (((left_s + AFTER_S) * rate) as usize).min(all.len() / channels);
-        observation.run.entry_time_s = (traffic.entry_time_s - first as f64 / rate) as f32;
+        let first = ((entry_s - entry_range_s - BEFORE_S).max(0.0) * rate) as usize;
+        let last = (((latest + entry_range_s + AFTER_S) * rate) as usize).min(all.len() / channels);
+        observation.run.entry_time_s = (entry_s - first as f64 / rate) as f32;
         Ok(Self {
             bridge,
             observation,
             samples: all[first * channels..last * channels].to_vec(),
             first_sample: first as u64,
+            note,
         })
     }
 
@@ -269,7 +338,7 @@ impl Observed {
         }
     }
 
-    /// The passage simulated with `damage`, m/s², as many samples as were recorded, channel after channel.
+    /// The passage simulated with `damage`, m/s² (m), as many samples as were recorded, channel after channel.
     pub fn simulate(&self, damage: &Damage<f32>) -> Result<Vec<f32>> {
         let problem = self.problem();
         let mut simulation = problem.simulate(&Hypothesis {
@@ -284,8 +353,63 @@ impl Observed {
     }
 }
 
-/// The recording's counts as a logger reads them, gaps filled with nothing, the mean before the train subtracted.
-fn samples(prepared: &Prepared) -> Vec<f32> {
+/// The strongest passage of a recording, by its peak acceleration, and how many there are; with an entry time, in the recording's
+/// stream, that which contains it.
+fn strongest(prepared: &Prepared, entry_s: Option<f64>) -> Result<(Passage, usize)> {
+    let name = prepared.path.display();
+    let recording = &prepared.recording;
+    let channels = recording.channels.len();
+    let counts = recording.to_counts();
+    let mut stream = Box::new(Stream::new());
+    stream.configure(&prepared.configuration);
+    let mut found = Vec::new();
+    let mut take = |stream: &mut Stream| {
+        found.extend(std::iter::from_fn(|| stream.next_passage()));
+        stream.release();
+    };
+    for run in &recording.runs {
+        for row in 0..run.rows {
+            let at = (run.first_row + row) * channels;
+            let pushed = stream.push(run.first_sample + row as u64, &counts[at..at + channels]);
+            pushed
+                .ok()
+                .with_context(|| format!("{name}: its rows do not follow each other"))?;
+            take(&mut stream);
+        }
+    }
+    stream.interrupt();
+    take(&mut stream);
+    let count = found.len();
+    let peak = |passage: &Passage| {
+        let accelerations = passage.peak.iter().zip(&recording.channels);
+        accelerations
+            .filter(|(_, channel)| channel.unit.quantity() == Quantity::Acceleration)
+            .fold(0.0_f32, |most, (&peak, _)| most.max(peak))
+    };
+    let rate = recording.rate_hz();
+    if let Some(entry_s) = entry_s {
+        let contains =
+            |passage: &Passage| (passage.first_sample..passage.next_sample).contains(&((entry_s * rate) as u64));
+        let Some(passage) = found.into_iter().find(contains) else {
+            bail!(
+                "{name}: no passage is found at {} s of file time, so the speed cannot be estimated; check entry_time_s, or give \
+                 speed_kmh",
+                entry_s + recording.start_s
+            );
+        };
+        return Ok((passage, 1));
+    }
+    match found.into_iter().max_by(|a, b| peak(a).total_cmp(&peak(b))) {
+        Some(passage) => Ok((passage, count)),
+        None => bail!(
+            "{name}: no passage is found in it, so the entry time cannot be estimated; give entry_time_s, or check the channels' \
+             units and that the file begins half a second before the train"
+        ),
+    }
+}
+
+/// The recording's counts as a logger reads them, gaps filled with nothing, the mean of the first `quiet_rows` subtracted.
+fn samples(prepared: &Prepared, quiet_rows: usize) -> Vec<f32> {
     let recording = &prepared.recording;
     let channels = &recording.channels;
     let last = recording
@@ -299,16 +423,15 @@ fn samples(prepared: &Prepared) -> Vec<f32> {
             for (c, channel) in channels.iter().enumerate() {
                 let count = channel.count(channel.values[run.first_row + row]);
                 if count.abs() < channel.full_scale_counts {
-                    samples[sample + c] = count as f32 * channel.lsb_mps2;
+                    samples[sample + c] = count as f32 * channel.lsb;
                 }
             }
         }
     }
-    let before = recording.entry_in_stream_s().unwrap_or(0.0) * recording.rate_hz();
     for c in 0..channels.len() {
         let of_channel = || samples.iter().skip(c).step_by(channels.len());
         let quiet: Vec<f32> = of_channel()
-            .take(before.max(0.0) as usize)
+            .take(quiet_rows)
             .copied()
             .filter(|value| !value.is_nan())
             .collect();

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
+use spanwatch::guess;
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{
     Alert, BLOCK_COUNTS, Channel, Configuration, Event, PassageReport, Quantity, Ranges, Status, Traffic, Trigger,
@@ -105,18 +106,18 @@ fn configuration(recording: &Recording, seed: u64) -> Configuration {
         Some(Traffic {
             train,
             cars: recording.cars? as u8,
-            speed_mps: (recording.speed_kmh? / 3.6) as f32,
+            speed_mps: recording.speed_kmh.map(|speed| (speed / 3.6) as f32),
             acceleration_mps2: recording.acceleration_mps2 as f32,
             backward: recording.direction == Direction::Backward,
-            entry_time_s: recording.entry_in_stream_s()?,
+            entry_time_s: recording.entry_in_stream_s(),
             load_factor: recording.load_factor.unwrap_or(1.0) as f32,
-            ranges: Ranges::HELD,
+            ranges: ranges(recording),
         })
     };
     let channel = |channel: &crate::recording::Channel| Channel {
         node: channel.node.unwrap_or(0),
-        quantity: Quantity::Acceleration,
-        lsb: channel.lsb_mps2,
+        quantity: channel.unit.quantity(),
+        lsb: channel.lsb,
         full_scale_counts: channel.full_scale_counts,
     };
     Configuration {
@@ -129,19 +130,39 @@ fn configuration(recording: &Recording, seed: u64) -> Configuration {
     }
 }
 
+/// How far off the expected run may be: nothing where a value is given and nobody says that it is not sure. (A speed and an entry
+/// time that are not given come with their own ranges, from the passage.)
+fn ranges(recording: &Recording) -> Ranges {
+    let margins = &recording.margins;
+    let load = match recording.load_factor {
+        Some(_) => 0.0,
+        None => f64::from(guess::LOAD_RANGE),
+    };
+    Ranges {
+        speed: margins.speed.unwrap_or(0.0) as f32,
+        entry_s: margins.entry_s.unwrap_or(0.0) as f32,
+        load: margins.load.unwrap_or(load) as f32,
+        stiffness: margins.stiffness.unwrap_or(0.0) as f32,
+    }
+}
+
 impl Prepared {
-    /// What the TOML leaves open that an identification needs; nothing is identified until it is given.
+    /// What each channel measures.
+    pub fn quantities(&self) -> Vec<Quantity> {
+        self.configuration
+            .channels
+            .iter()
+            .map(|channel| channel.quantity)
+            .collect()
+    }
+
+    /// What the TOML leaves open that nothing can be identified without.
     pub fn missing_keys(&self) -> Vec<&'static str> {
         let recording = &self.recording;
-        [
-            ("bridge", self.bridge.is_none()),
-            ("train", recording.train.is_none()),
-            ("speed_kmh", recording.speed_kmh.is_none()),
-            ("entry_time_s", recording.entry_time_s.is_none()),
-        ]
-        .into_iter()
-        .filter_map(|(key, missing)| missing.then_some(key))
-        .collect()
+        [("bridge", self.bridge.is_none()), ("train", recording.train.is_none())]
+            .into_iter()
+            .filter_map(|(key, missing)| missing.then_some(key))
+            .collect()
     }
 
     /// Replays the recording; `tell` hears of everything that the logger says, as it comes.

@@ -28,6 +28,8 @@ use crate::train::TrainName;
 
 /// Most solver steps of one passage: a minute's work. A passage that needs more has a slip in its speed or step.
 pub const MAX_STEPS: f64 = 2e7;
+/// Stiffest bridge, as a part of its model's stiffness.
+pub const MAX_STIFFNESS: f64 = 2.0;
 /// The report of progress comes every so many samples.
 const REPORT_SAMPLES: usize = 1024;
 /// A duration that is a whole number of intervals but for this part of one ends there.
@@ -50,6 +52,8 @@ pub struct Scenario {
     pub track: Option<Profile>,
     /// Fraction of stiffness lost by each element or group of elements; those beyond the list are whole.
     pub damage: Vec<f64>,
+    /// Stiffness of the whole bridge (of all elements or groups), as a part of its model's; the damage counts from there.
+    pub stiffness_factor: f64,
     /// Bridge nodes that are observed.
     pub nodes: Vec<u16>,
     /// What is observed there.
@@ -91,6 +95,7 @@ impl Scenario {
             direction: Direction::Forward,
             track: None,
             damage: vec![0.0; ELEMENTS],
+            stiffness_factor: 1.0,
             nodes: vec![6],
             quantity: Quantity::Acceleration,
             modes: 8,
@@ -140,6 +145,19 @@ impl Scenario {
         self.up_to_hz.map_or(Wanted::Count(self.modes), Wanted::UpToHz)
     }
 
+    /// Fraction of the model's stiffness that each of so many elements lacks; negative where it is stiffer.
+    fn loss(&self, elements: usize) -> Vec<f64> {
+        if self.stiffness_factor == 1.0 {
+            // To the bit.
+            return self.damage.clone();
+        }
+        let damage = self.damage.iter().copied().chain(std::iter::repeat(0.0));
+        damage
+            .take(elements)
+            .map(|damage| 1.0 - self.stiffness_factor * (1.0 - damage))
+            .collect()
+    }
+
     /// Solver steps from one sample to the next.
     fn steps_per_sample(&self) -> Result<u32> {
         let steps = self.sample_interval_s() / self.step_s;
@@ -161,6 +179,7 @@ impl Scenario {
             ("--speed-kmh", self.speed_kmh),
             ("--step-s", self.step_s),
             ("--load-factor", self.load_factor),
+            ("--stiffness-factor", self.stiffness_factor),
             ("--rate-hz", self.rate_hz.unwrap_or(1.0)),
             ("--antialias-hz", self.antialias_hz.unwrap_or(1.0)),
             ("--up-to-hz", self.up_to_hz.unwrap_or(1.0)),
@@ -200,6 +219,13 @@ impl Scenario {
                 "--damage of element {} must be 0 to {MAX_DAMAGE}, not {}",
                 e + 1,
                 self.damage[e]
+            );
+        }
+        if !(1.0 - MAX_DAMAGE..=MAX_STIFFNESS).contains(&self.stiffness_factor) {
+            bail!(
+                "--stiffness-factor must be {:.1} to {MAX_STIFFNESS}, not {}",
+                1.0 - MAX_DAMAGE,
+                self.stiffness_factor
             );
         }
         if self.nodes.is_empty() || self.nodes.len() > CHANNELS {
@@ -259,7 +285,11 @@ pub fn simulate_reporting(
 ) -> Result<Passage> {
     scenario.check(bridge)?;
     let train = scenario.train.train(scenario.cars)?;
-    let model = ModalModel::new(bridge, &scenario.damage, scenario.wanted())?;
+    let model = ModalModel::new(
+        bridge,
+        &scenario.loss(bridge.bridge.frame.groups.len()),
+        scenario.wanted(),
+    )?;
     let rows = (scenario.nodes.iter())
         .map(|&node| {
             let sensor = model.sensors.iter().find(|sensor| sensor.number == node);

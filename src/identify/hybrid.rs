@@ -48,7 +48,7 @@ pub const UNEXPLAINED: f32 = 0.1;
 pub const HIDDEN: f32 = 0.5;
 
 /// Speeds to either side of the expected one that are tried at most.
-const MOST_SPEEDS: u32 = 40;
+const MOST_SPEEDS: u32 = 80;
 /// Speeds are so close that at neither end of a passage the next one is off by more than this part of the first mode's period.
 const OUT_OF_STEP: f32 = 0.125;
 /// Samples to either side within which the genetic search finds the entry of each pattern anew.

@@ -1,4 +1,4 @@
-//! One channel's counts: to acceleration, and whether they can be believed.
+//! One channel's counts: to acceleration or displacement, and whether they can be believed.
 
 use crate::wire::message::{Channel, Quality};
 
@@ -47,7 +47,7 @@ impl Conditioner {
     /// A channel that has seen nothing.
     pub const NEW: Self = Self { last: None, repeats: 0 };
 
-    /// Acceleration of `counts`, m/s², or what is wrong with them; `stuck_run` from [`stuck_run`].
+    /// What `counts` measure, m/s² (m), or what is wrong with them; `stuck_run` from [`stuck_run`].
     pub fn push(&mut self, channel: &Channel, stuck_run: u32, counts: i32) -> Result<f32, Fault> {
         let same = self.last == Some(counts);
         self.repeats = if same { self.repeats.saturating_add(1) } else { 0 };

@@ -13,6 +13,9 @@
 //! not pass for its own background, and falls fast, so that the end of a passage does not hide the next train. It stands
 //! still from the first sample above `on_ratio`, and so does the offset, the mean that is taken from a passage's samples. A
 //! change of the surroundings that outlasts any train ends the motion too, and everything is learnt anew.
+//!
+//! Displacements are not looked at: they drift with the sun, and move no sooner than the accelerations. Only their offset is
+//! learnt here ([`Detector::rest`]), while the accelerations are at rest.
 
 use crate::capacity::CHANNELS;
 use crate::math;
@@ -118,6 +121,8 @@ pub struct Seen {
 #[derive(Debug, Clone, Copy)]
 pub struct Detector {
     channels: [Levels; CHANNELS],
+    /// Offsets of the channels that are not looked at, m.
+    rest: [f32; CHANNELS],
     learnt: u32,
     /// Samples in a row above the upper threshold.
     above: u32,
@@ -137,6 +142,7 @@ impl Detector {
             level_squared: 0.0,
             quiet_squared: 0.0,
         }; CHANNELS],
+        rest: [0.0; CHANNELS],
         learnt: 0,
         above: 0,
         below: 0,
@@ -144,9 +150,22 @@ impl Detector {
         moving: false,
     };
 
-    /// Offset of a channel, m/s²: it stands still while something moves.
+    /// Offset of a channel, m/s² (m): it stands still while something moves.
     pub fn offset(&self, channel: usize) -> f32 {
-        self.channels.get(channel).map_or(0.0, |levels| levels.offset)
+        let levels = self.channels.get(channel).map_or(0.0, |levels| levels.offset);
+        // One of the two is 0: a channel is looked at or it is not.
+        levels + self.rest.get(channel).copied().unwrap_or(0.0)
+    }
+
+    /// Takes the value of a channel that [`Self::push`] was not given, m: its offset is learnt while the others are at rest.
+    pub fn rest(&mut self, thresholds: &Thresholds, channel: usize, x: f32) {
+        if self.moving || self.above > 0 {
+            return;
+        }
+        let weight = thresholds.offset.min(self.learnt.max(1) as f32).recip();
+        if let Some(offset) = self.rest.get_mut(channel) {
+            *offset += weight * (x - *offset);
+        }
     }
 
     /// Ends a motion at once, as after a gap.

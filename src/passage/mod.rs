@@ -2,7 +2,7 @@
 //!
 //! | step | file | does |
 //! |---|---|---|
-//! | [`conditioning`] | counts of one channel | acceleration; finds saturated and stuck samples |
+//! | [`conditioning`] | counts of one channel | acceleration or displacement; finds saturated and stuck samples |
 //! | [`detector`] | accelerations of all channels | offset, quiet level, "something rolls over the bridge" |
 //! | [`bracket`] | the level while it moves | when the strong motion began and ended |
 //! | [`stream`] | blocks of counts | the three above, gaps, the samples from before the beginning; gives a [`Passage`] |
@@ -20,7 +20,7 @@ use crate::wire::message::Quality;
 
 pub use stream::Stream;
 
-/// Samples of one passage, m/s² without offset, channel after channel within a sample.
+/// Samples of one passage, m/s² (m) without offset, channel after channel within a sample.
 pub type PassageSamples = heapless::Vec<f32, PASSAGE_SAMPLES>;
 
 /// What became of a passage's samples.
@@ -35,7 +35,7 @@ pub enum Kept {
 }
 
 /// A passage that has ended. The train's motion, with the time before it that was kept, is `start_sample..end_sample`;
-/// the kept samples begin at `first_sample`, no later.
+/// the kept samples begin at `first_sample`, no later, and end before `next_sample`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Passage {
     /// Index in the stream of the first kept sample.
@@ -44,12 +44,24 @@ pub struct Passage {
     pub start_sample: u64,
     /// Index one past its last sample.
     pub end_sample: u64,
-    /// Largest acceleration of each channel, m/s².
-    pub peak_mps2: [f32; CHANNELS],
-    /// Mean square of the strongest channel, (m/s²)².
+    /// Index of the first sample of the strong motion; its last is the passage's.
+    pub strong_sample: u64,
+    /// Index one past the last kept sample: quiet has come back.
+    pub next_sample: u64,
+    /// Largest value of each channel, m/s² (m).
+    pub peak: [f32; CHANNELS],
+    /// Mean square of the strongest acceleration, (m/s²)².
     pub mean_square: f32,
     /// What was wrong with the samples between first motion and quiet.
     pub quality: Quality,
     /// What became of the samples.
     pub kept: Kept,
+}
+
+impl Passage {
+    /// Rows of the strong motion among the kept samples.
+    pub fn strong(&self) -> core::ops::Range<usize> {
+        let row = |sample: u64| sample.saturating_sub(self.first_sample) as usize;
+        row(self.strong_sample)..row(self.end_sample)
+    }
 }

@@ -8,7 +8,7 @@ use super::detector::{Detector, Thresholds};
 use super::{Kept, Passage, PassageSamples};
 use crate::capacity::{CHANNELS, LEAD_VALUES};
 use crate::slot::Slot;
-use crate::wire::message::{Channel, Configuration, Quality};
+use crate::wire::message::{Channel, Configuration, Quality, Quantity};
 
 /// Passages that may end within one block.
 const ENDED: usize = 4;
@@ -27,7 +27,7 @@ pub enum BlockError {
 struct Open {
     first_sample: u64,
     bracket: Bracket,
-    peak_mps2: [f32; CHANNELS],
+    peak: [f32; CHANNELS],
     sum_of_squares: [f32; CHANNELS],
     samples: u32,
     quality: Quality,
@@ -48,7 +48,7 @@ pub struct Stream {
     taken: u64,
     conditioners: [Conditioner; CHANNELS],
     detector: Detector,
-    /// The latest samples, from before a passage, m/s² with their offset.
+    /// The latest samples, from before a passage, m/s² (m) with their offset.
     lead: Deque<f32, LEAD_VALUES>,
     open: Slot<Open>,
     ended: Deque<Passage, ENDED>,
@@ -184,7 +184,7 @@ impl Stream {
                 None => Err(conditioner.skip()),
             };
             match read {
-                Ok(acceleration) => (*value, *level) = (acceleration, acceleration),
+                Ok(read) => (*value, *level) = (read, read),
                 Err(fault) => {
                     fault.count(&mut self.quality);
                     fault.count(&mut faults);
@@ -194,10 +194,19 @@ impl Stream {
                     }
                 }
             }
+            if channel.quantity == Quantity::Displacement {
+                // The detector's levels are accelerations; a displacement drifts with the sun and says nothing sooner.
+                *level = f32::NAN;
+            }
         }
         let count = self.channels.len();
         let (values, levels) = (values.get(..count).unwrap_or(&[]), levels.get(..count).unwrap_or(&[]));
         let seen = self.detector.push(&self.thresholds, levels);
+        for (c, (channel, &value)) in self.channels.iter().zip(values).enumerate() {
+            if channel.quantity == Quantity::Displacement && !value.is_nan() {
+                self.detector.rest(&self.thresholds, c, value);
+            }
+        }
         if !seen.moving {
             self.close(index);
             self.remember(values);
@@ -234,16 +243,16 @@ impl Stream {
         let onset = index.saturating_sub(u64::from(self.thresholds.on_samples() - 1));
         let mut bracket = Bracket::new(self.thresholds.off_squared());
         bracket.push(onset, ratio_squared);
-        let mut peak_mps2 = [0.0_f32; CHANNELS];
+        let mut peak = [0.0_f32; CHANNELS];
         for (value, c) in self.lead.iter().zip((0..channels).cycle()) {
-            if let Some(peak) = peak_mps2.get_mut(c) {
+            if let Some(peak) = peak.get_mut(c) {
                 *peak = peak.max((value - self.detector.offset(c)).abs());
             }
         }
         self.open = Slot::Full(Open {
             first_sample,
             bracket,
-            peak_mps2,
+            peak,
             sum_of_squares: [0.0; CHANNELS],
             samples: 0,
             quality: Quality::NONE,
@@ -254,7 +263,7 @@ impl Stream {
     /// The passage that is open, if one is, ends before sample `next`.
     fn close(&mut self, next: u64) {
         let Some(open) = self.open.take() else { return };
-        let passage = open.close(next, self.lead_samples as u64);
+        let passage = open.close(next, self.lead_samples as u64, &self.channels);
         self.lead.clear();
         self.held |= passage.kept == Kept::Whole;
         // Whoever feeds the stream takes its passages after every block; no block is long enough for more of them.
@@ -301,7 +310,7 @@ impl Open {
         let mut kept = kept;
         for (c, (&value, (peak, sum))) in values
             .iter()
-            .zip(self.peak_mps2.iter_mut().zip(&mut self.sum_of_squares))
+            .zip(self.peak.iter_mut().zip(&mut self.sum_of_squares))
             .enumerate()
         {
             let x = value - detector.offset(c);
@@ -318,14 +327,18 @@ impl Open {
         }
     }
 
-    fn close(self, next: u64, lead_samples: u64) -> Passage {
+    fn close(self, next: u64, lead_samples: u64, channels: &[Channel]) -> Passage {
         let (strong_start, strong_end) = self.bracket.strong().unwrap_or((next, next));
-        let sum = self.sum_of_squares.iter().fold(0.0_f32, |most, &sum| most.max(sum));
+        let sum = (self.sum_of_squares.iter().zip(channels))
+            .filter(|(_, channel)| channel.quantity == Quantity::Acceleration)
+            .fold(0.0_f32, |most, (&sum, _)| most.max(sum));
         Passage {
             first_sample: self.first_sample,
+            strong_sample: strong_start,
             start_sample: strong_start.saturating_sub(lead_samples).max(self.first_sample),
             end_sample: strong_end.saturating_add(1),
-            peak_mps2: self.peak_mps2,
+            next_sample: next,
+            peak: self.peak,
             mean_square: sum / self.samples.max(1) as f32,
             quality: self.quality,
             kept: self.kept,

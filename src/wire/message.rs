@@ -129,21 +129,22 @@ impl Default for Trigger {
     }
 }
 
-/// The train that is expected and when.
+/// The train that is expected, and when. Without an entry time it is every train that passes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Traffic {
     /// What rolls.
     pub train: TrainKind,
     /// Number of cars.
     pub cars: u8,
-    /// Speed as it enters, m/s.
-    pub speed_mps: f32,
+    /// Speed as it enters, m/s; none: estimated from each passage.
+    pub speed_mps: Option<f32>,
     /// Change of the speed, m/s².
     pub acceleration_mps2: f32,
     /// It enters by the bridge's last node.
     pub backward: bool,
-    /// Stream time (sample index / rate) at which the first axle reaches the bridge, s.
-    pub entry_time_s: f64,
+    /// Stream time (sample index / rate) at which the first axle reaches the bridge, s: only the passage that contains it is
+    /// identified. None: every passage is, and its entry time estimated.
+    pub entry_time_s: Option<f64>,
     /// Scales the static wheel loads.
     pub load_factor: f32,
     /// How far off these values may be.
@@ -151,7 +152,8 @@ pub struct Traffic {
 }
 
 /// How far a passage may be off what is expected of it. Each is half the width of the range in which the search begins, and then
-/// the standard deviation of a Gaussian prior; 0: the expected value is known and held.
+/// the standard deviation of a Gaussian prior; 0: the expected value is known and held. Where nothing is expected, as of a speed
+/// that is not given, the range comes with the [first guess](crate::guess) and what is said here does not count.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ranges {
     /// Speed, as a part of the expected one.
@@ -171,6 +173,13 @@ impl Ranges {
         entry_s: 0.0,
         load: 0.0,
         stiffness: 0.0,
+    };
+    /// Wider makes no sense: beyond it it is another train, or another bridge.
+    pub const WIDEST: Self = Self {
+        speed: 0.5,
+        entry_s: 10.0,
+        load: 0.9,
+        stiffness: 0.3,
     };
 }
 
@@ -271,9 +280,9 @@ pub struct PassageReport {
     pub start_sample: u64,
     /// Index one past the last sample of the motion.
     pub end_sample: u64,
-    /// Largest acceleration of each channel, m/s².
-    pub peak_mps2: Vec<f32, CHANNELS>,
-    /// Level of the strongest channel, dB re 1 µm/s²; for the eye, ± 1 dB.
+    /// Largest value of each channel without its offset, m/s², or m of a displacement.
+    pub peak: Vec<f32, CHANNELS>,
+    /// Level of the strongest acceleration, dB re 1 µm/s²; for the eye, ± 1 dB.
     pub level_db: f32,
     /// What was wrong with the samples.
     pub quality: Quality,
@@ -332,7 +341,7 @@ pub enum Reason {
     Busy,
     /// Too many missing, saturated or stuck samples.
     BadQuality,
-    /// The expected train enters before or after this passage.
+    /// The expected train enters before or after this passage, or would take longer to cross the bridge.
     NotThisTrain,
     /// The expected train, bridge and sensors do not go together.
     Setup(SetupError),

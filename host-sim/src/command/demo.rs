@@ -72,9 +72,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         super::print(&format!("\n{}: {}\n", prepared.path.display(), shipped.what))?;
         let mut raised = None;
         prepared.replay(&mut station, |told| match told {
-            Told::Passage { report, start_s, end_s } => {
-                super::print(&format!("  {}\n", words::passage(report, *start_s, *end_s)))
-            }
+            Told::Passage { report, start_s, end_s } => super::print(&format!(
+                "  {}\n",
+                words::passage(report, &prepared.quantities(), *start_s, *end_s)
+            )),
             Told::Alert { alert, start_s } => {
                 let text = words::alert(alert);
                 store.append(shipped.stem, *start_s, alert, &text)?;

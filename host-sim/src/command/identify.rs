@@ -42,6 +42,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let prepared = replay::prepare(&arguments.recording, arguments.bridge.as_deref(), arguments.seed)?;
     let observed = Observed::recorded(&prepared)?;
+    if let Some(note) = &observed.note {
+        eprintln!("note: {note}");
+    }
     let (method, length) = match arguments.method {
         Search::Hybrid => (Method::Hybrid, 0),
         Search::PaperGa => (Method::PaperGa, paper_ga::MAX_GENERATIONS),
@@ -57,21 +60,88 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     )?;
     bar.finish_and_clear();
     if arguments.json {
-        return super::print_json(&as_json(&found, &prepared, observed.bridge.elements));
+        return super::print_json(&as_json(&found, &prepared, &observed));
     }
-    super::print(&in_words(&found, &observed))
+    super::print(&in_words(&found, &prepared, &observed))
 }
 
-fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::Value {
+/// When the train entered, in the recording's own time, s.
+fn entry_s(found: &Found, prepared: &Prepared, observed: &Observed) -> f64 {
     let recording = &prepared.recording;
+    recording.start_s + observed.first_sample as f64 * recording.interval_s + f64::from(found.run.entry_time_s)
+}
+
+/// What the recording gives and the search therefore holds.
+struct Given {
+    speed: Option<f64>,
+    entry: Option<f64>,
+    load: Option<f64>,
+    stiffness: bool,
+}
+
+impl Given {
+    fn of(prepared: &Prepared, observed: &Observed) -> Self {
+        let recording = &prepared.recording;
+        let ranges = &observed.observation.ranges;
+        let held = |value: Option<f64>, range: f32| value.filter(|_| range == 0.0);
+        Self {
+            speed: held(recording.speed_kmh, ranges.speed),
+            entry: held(recording.entry_time_s, ranges.entry_s),
+            load: held(recording.load_factor.or(Some(1.0)), ranges.load),
+            stiffness: ranges.stiffness == 0.0,
+        }
+    }
+
+    /// The JSON's keys of what is estimated.
+    fn estimated(&self) -> Vec<&'static str> {
+        let all = [
+            ("speed_kmh", self.speed.is_some()),
+            ("entry_time_s", self.entry.is_some()),
+            ("load_factor", self.load.is_some()),
+            ("stiffness_factor", self.stiffness),
+        ];
+        all.into_iter()
+            .filter_map(|(key, given)| (!given).then_some(key))
+            .collect()
+    }
+}
+
+/// How the train ran, and what of that was given.
+fn run_in_words(found: &Found, prepared: &Prepared, observed: &Observed) -> String {
+    let given = Given::of(prepared, observed);
+    let word = |given: bool| if given { "given" } else { "estimated" };
+    let mut text = format!(
+        "Train: {:.2} km/h ({}), first axle enters at {:.3} s ({}), load {:.3} ({})",
+        given.speed.unwrap_or(3.6 * f64::from(found.run.speed_mps)),
+        word(given.speed.is_some()),
+        given.entry.unwrap_or(entry_s(found, prepared, observed)),
+        word(given.entry.is_some()),
+        given.load.unwrap_or(found.run.load_factor.into()),
+        word(given.load.is_some()),
+    );
+    if !given.stiffness {
+        let _ = write!(
+            text,
+            "; whole bridge {:.3} of its model's stiffness (estimated)",
+            found.stiffness_factor
+        );
+    }
+    text + ".\n"
+}
+
+fn as_json(found: &Found, prepared: &Prepared, observed: &Observed) -> serde_json::Value {
+    let elements = observed.bridge.elements;
+    let given = Given::of(prepared, observed);
     let genes = found.code.genes();
     json!({
         "damage": &found.damage[..elements],
         "damage_std": found.std.as_ref().map(|std| &std[..elements]),
         "code": &genes[..elements],
-        "speed_kmh": recording.speed_kmh,
-        "entry_time_s": recording.entry_time_s,
-        "load_factor": recording.load_factor.unwrap_or(1.0),
+        "speed_kmh": given.speed.unwrap_or(3.6 * f64::from(found.run.speed_mps)),
+        "entry_time_s": given.entry.unwrap_or(entry_s(found, prepared, observed)),
+        "load_factor": given.load.unwrap_or(found.run.load_factor.into()),
+        "stiffness_factor": found.stiffness_factor,
+        "estimated": given.estimated(),
         "objective": found.objective,
         "forward_solves": found.forward_solves,
         "generations": found.generations,
@@ -81,15 +151,16 @@ fn as_json(found: &Found, prepared: &Prepared, elements: usize) -> serde_json::V
     })
 }
 
-fn in_words(found: &Found, observed: &Observed) -> String {
+fn in_words(found: &Found, prepared: &Prepared, observed: &Observed) -> String {
     let unexplained = words::percent(f64::from(found.objective / observed.problem().power().mean()));
     if found.explained == Some(false) {
         return format!(
             "No damage explains this passage: the best leaves {unexplained} of the signal's power unexplained. Check train, \
-             speed, entry time, load, and the node, unit and sign of each channel.\n"
+             speed, entry time, load, and the node, unit and sign of each channel.\n{}",
+            run_in_words(found, prepared, observed)
         );
     }
-    let mut text = String::from("element  loss of bending stiffness\n");
+    let mut text = run_in_words(found, prepared, observed) + "element  loss of bending stiffness\n";
     for e in 0..observed.bridge.elements {
         let _ = write!(text, "{:>7}  {:5.1} %", e + 1, 100.0 * found.damage[e]);
         match &found.std {

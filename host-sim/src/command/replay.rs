@@ -9,7 +9,7 @@ use host_sim::output;
 use host_sim::replay::{self, Told};
 use host_sim::station::{Station, store::Store, words};
 use serde_json::json;
-use spanwatch::wire::message::{Alert, PassageReport, Verdict};
+use spanwatch::wire::message::{Alert, PassageReport, Quantity, Verdict};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -77,9 +77,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             Told::Passage { report, start_s, end_s } => {
                 passages += 1;
                 if arguments.json {
-                    super::print_json(&passage_json(report, *start_s, *end_s, &source))
+                    super::print_json(&passage_json(report, &prepared.quantities(), *start_s, *end_s, &source))
                 } else {
-                    super::print(&format!("  {}\n", words::passage(report, *start_s, *end_s)))
+                    super::print(&format!(
+                        "  {}\n",
+                        words::passage(report, &prepared.quantities(), *start_s, *end_s)
+                    ))
                 }
             }
             Told::Alert { alert, start_s } => {
@@ -130,12 +133,25 @@ fn open_store<'s>(store: &'s mut Option<Store>, path: &Path) -> Result<&'s mut S
     }
 }
 
-fn passage_json(report: &PassageReport, start_s: f64, end_s: f64, source: &str) -> serde_json::Value {
+/// Peaks are one a channel: of an acceleration in `peak_mps2`, of a displacement in `peak_mm`, else null.
+fn passage_json(
+    report: &PassageReport,
+    quantities: &[Quantity],
+    start_s: f64,
+    end_s: f64,
+    source: &str,
+) -> serde_json::Value {
     let (verdict, fit, hidden) = match report.verdict {
         Verdict::Healthy { fit, hidden_permille } => ("healthy".to_owned(), Some(fit), Some(hidden_permille)),
         Verdict::Undecided { fit, hidden_permille } => ("undecided".to_owned(), Some(fit), Some(hidden_permille)),
         Verdict::Damaged { fit } => ("damaged".to_owned(), Some(fit), None),
         Verdict::NotIdentified(reason) => (format!("not identified: {reason:?}"), None, None),
+    };
+    let peaks = |quantity: Quantity, factor: f32| -> Vec<Option<f32>> {
+        let of_channel = report.peak.iter().zip(quantities);
+        of_channel
+            .map(|(&peak, &of)| (of == quantity).then_some(factor * peak))
+            .collect()
     };
     json!({
         "event": "passage",
@@ -147,7 +163,8 @@ fn passage_json(report: &PassageReport, start_s: f64, end_s: f64, source: &str) 
         "objective": fit.map(|fit| fit.objective),
         "unexplained": fit.map(|fit| fit.unexplained),
         "hidden": hidden.map(|permille| f64::from(permille) / 1000.0),
-        "peak_mps2": report.peak_mps2,
+        "peak_mps2": peaks(Quantity::Acceleration, 1.0),
+        "peak_mm": peaks(Quantity::Displacement, 1e3),
         "level_db": report.level_db,
         "missing": report.quality.missing,
         "saturated": report.quality.saturated,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use host_sim::model::{self, BridgeFrame, Structure};
-use host_sim::recording::{Channel, Recording, Run, Unit, description_path};
+use host_sim::recording::{Channel, Margins, Recording, Run, Unit, description_path};
 use host_sim::simulate::{Scenario, simulate_reporting};
 use host_sim::train::TrainName;
 use host_sim::{output, terminal, track};
@@ -83,6 +83,12 @@ pub(super) struct Arguments {
     /// Scales the static wheel loads
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     load_factor: f64,
+    /// Stiffness of the whole bridge, as a part of its model's: a warm bridge is softer; damage counts from there
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
+    stiffness_factor: f64,
+    /// What the recording's TOML shall not say, so that it is estimated: speed, entry, load
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
+    withhold: Vec<Withheld>,
     /// Time before the first axle enters
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     lead_s: f64,
@@ -92,6 +98,13 @@ pub(super) struct Arguments {
     /// Where to write; a TOML of the same stem is written beside it
     #[arg(short, long, value_name = "OUT.csv")]
     output: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Withheld {
+    Speed,
+    Entry,
+    Load,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -165,6 +178,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     };
     let channels = (scenario.nodes.iter().zip(passage.channels))
         .map(|(&node, values)| Channel::new(format!("{prefix}_node{node}_{suffix}"), Some(node), unit, values));
+    let told = |what: Withheld, value: f64| (!arguments.withhold.contains(&what)).then_some(value);
     let recording = Recording {
         start_s: 0.0,
         interval_s: passage.interval_s,
@@ -177,9 +191,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         bridge: Some(bridge.bridge.name.clone()),
         train: Some(scenario.train.clone()),
         cars: scenario.cars,
-        speed_kmh: Some(scenario.speed_kmh),
-        entry_time_s: Some(scenario.lead_s),
-        load_factor: Some(scenario.load_factor),
+        speed_kmh: told(Withheld::Speed, scenario.speed_kmh),
+        entry_time_s: told(Withheld::Entry, scenario.lead_s),
+        load_factor: told(Withheld::Load, scenario.load_factor),
+        margins: Margins::default(),
         antialias_hz: scenario.antialias_hz,
         track: arguments
             .track
@@ -189,10 +204,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         acceleration_mps2: scenario.acceleration_mps2,
         direction: scenario.direction,
     };
-    let remarks = [
+    let mut remarks = vec![
         format!("Made by: {}", command_line(arguments, &bridge.bridge.name, &scenario)),
         format!("True damage: {}.", damage_in_words(&arguments.damage)),
     ];
+    if scenario.stiffness_factor != 1.0 {
+        remarks.push(format!(
+            "True stiffness of the whole bridge: {} of the model's.",
+            scenario.stiffness_factor
+        ));
+    }
     recording.write(csv_path, &remarks)?;
     super::print(&format!(
         "wrote {} and {}: {rows} samples of {} channel{} at {} Hz, {:.2} s\n",
@@ -256,6 +277,7 @@ fn scenario(arguments: &Arguments, bridge: &BridgeFrame) -> Result<Scenario> {
         noise: arguments.noise,
         seed: arguments.seed,
         load_factor: arguments.load_factor,
+        stiffness_factor: arguments.stiffness_factor,
         lead_s: arguments.lead_s,
         tail_s: arguments.tail_s,
         kinematics: match arguments.kinematics {
@@ -324,6 +346,21 @@ fn command_line(arguments: &Arguments, bridge: &str, scenario: &Scenario) -> Str
     }
     if scenario.noise > 0.0 {
         let _ = write!(line, " --seed {}", scenario.seed);
+    }
+    if scenario.stiffness_factor != 1.0 {
+        let _ = write!(line, " --stiffness-factor {}", scenario.stiffness_factor);
+    }
+    if !arguments.withhold.is_empty() {
+        let what = [
+            (Withheld::Speed, "speed"),
+            (Withheld::Entry, "entry"),
+            (Withheld::Load, "load"),
+        ];
+        let withheld: Vec<&str> = (what.iter())
+            .filter(|(what, _)| arguments.withhold.contains(what))
+            .map(|(_, name)| *name)
+            .collect();
+        let _ = write!(line, " --withhold {}", withheld.join(","));
     }
     let _ = write!(
         line,

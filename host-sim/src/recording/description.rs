@@ -6,9 +6,10 @@ use anyhow::{Result, anyhow, bail};
 use serde::Deserialize;
 use spanwatch::capacity::{CARS, CHANNELS};
 use spanwatch::interaction::Direction;
+use spanwatch::wire::message::{Quantity, Ranges};
 use toml::Spanned;
 
-use super::{Channel, DEFAULT_FULL_SCALE_COUNTS, DEFAULT_LSB_MPS2, Recording, Unit};
+use super::{Channel, DEFAULT_FULL_SCALE_COUNTS, Margins, Recording, Unit};
 use crate::toml_text;
 use crate::train::TrainName;
 
@@ -32,6 +33,8 @@ struct File {
     #[serde(default)]
     direction: Way,
     #[serde(default)]
+    range: RangeTable,
+    #[serde(default)]
     channel: Vec<Spanned<ChannelEntry>>,
 }
 
@@ -43,6 +46,15 @@ enum Way {
     Backward,
 }
 
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RangeTable {
+    speed: Option<Spanned<f64>>,
+    entry_s: Option<Spanned<f64>>,
+    load: Option<Spanned<f64>>,
+    stiffness: Option<Spanned<f64>>,
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ChannelEntry {
@@ -50,6 +62,7 @@ struct ChannelEntry {
     node: Option<Spanned<i64>>,
     unit: Spanned<String>,
     lsb_mps2: Option<Spanned<f64>>,
+    lsb_mm: Option<Spanned<f64>>,
     full_scale_counts: Option<Spanned<i64>>,
 }
 
@@ -106,6 +119,35 @@ pub fn parse(text: &str) -> Result<Recording> {
         positive.clone(),
         "a positive frequency",
     )?;
+    let margin = |key: &str, value: &Option<Spanned<f64>>, widest: f32| {
+        // The widest is what the logger takes, an f32 that may lie just above the decimal fraction.
+        let words = format!("0 (held) or positive, and at most {widest}");
+        number(
+            key,
+            value,
+            0.0..=f64::from(widest).max(widest.to_string().parse()?),
+            &words,
+        )
+    };
+    let range = &file.range;
+    for (key, value, of, given) in [
+        ("speed", &range.speed, "speed_kmh", speed_kmh.is_some()),
+        ("entry_s", &range.entry_s, "entry_time_s", entry_time_s.is_some()),
+    ] {
+        if let (Some(value), false) = (value, given) {
+            bail!(
+                "{}: {key} in [range] says how far off {of} may be, but there is no {of}; give it, or leave {key} out and it is \
+                 estimated",
+                at(value.span())
+            );
+        }
+    }
+    let margins = Margins {
+        speed: margin("speed in [range]", &range.speed, Ranges::WIDEST.speed)?,
+        entry_s: margin("entry_s in [range]", &range.entry_s, Ranges::WIDEST.entry_s)?,
+        load: margin("load in [range]", &range.load, Ranges::WIDEST.load)?,
+        stiffness: margin("stiffness in [range]", &range.stiffness, Ranges::WIDEST.stiffness)?,
+    };
 
     if file.channel.is_empty() {
         bail!("it names no channel; add a [[channel]] with column, node and unit for each column that holds one");
@@ -142,24 +184,29 @@ pub fn parse(text: &str) -> Result<Recording> {
             None => None,
         };
         let unit = match Unit::named(entry.unit.get_ref()) {
-            Some(Unit::Millimetre) => bail!(
-                "{}: channel \"{column}\" is a displacement (unit \"mm\"), which this version cannot use yet; give \
-                 accelerations",
-                at(entry.unit.span())
-            ),
             Some(unit) => unit,
             None => bail!(
-                "{}: unit of channel \"{column}\" must be \"m/s2\", \"g\" or \"gal\", not \"{}\"",
+                "{}: unit of channel \"{column}\" must be \"m/s2\", \"g\" or \"gal\" of an acceleration, or \"mm\" of a displacement, not \"{}\"",
                 at(entry.unit.span()),
                 entry.unit.get_ref()
             ),
         };
-        let lsb = number(
-            "lsb_mps2",
-            &entry.lsb_mps2,
-            f64::from(f32::MIN_POSITIVE)..=f64::from(f32::MAX),
-            "positive",
-        )?;
+        let (key, own, factor, (other_key, other)) = match unit.quantity() {
+            Quantity::Acceleration => ("lsb_mps2", &entry.lsb_mps2, 1.0, ("lsb_mm", &entry.lsb_mm)),
+            Quantity::Displacement => ("lsb_mm", &entry.lsb_mm, 1e-3, ("lsb_mps2", &entry.lsb_mps2)),
+        };
+        if let Some(value) = other {
+            let (is, other_is) = match unit.quantity() {
+                Quantity::Acceleration => ("an acceleration", "a displacement"),
+                Quantity::Displacement => ("a displacement", "an acceleration"),
+            };
+            bail!(
+                "{}: {other_key} is of {other_is}, but channel \"{column}\" is {is} (unit \"{}\"); give {key}, or leave it out",
+                at(value.span()),
+                unit.name()
+            );
+        }
+        let lsb = number(key, own, f64::from(f32::MIN_POSITIVE)..=f64::from(f32::MAX), "positive")?;
         let full_scale_counts = match &entry.full_scale_counts {
             Some(counts) => i32::try_from(*counts.get_ref())
                 .ok()
@@ -178,7 +225,7 @@ pub fn parse(text: &str) -> Result<Recording> {
             column: column.clone(),
             node,
             unit,
-            lsb_mps2: lsb.map_or(DEFAULT_LSB_MPS2, |lsb| lsb as f32),
+            lsb: lsb.map_or(unit.default_lsb(), |lsb| (lsb * factor) as f32),
             full_scale_counts,
             values: Vec::new(),
         });
@@ -194,6 +241,7 @@ pub fn parse(text: &str) -> Result<Recording> {
         speed_kmh,
         entry_time_s,
         load_factor,
+        margins,
         antialias_hz,
         track: file.track,
         acceleration_mps2: acceleration_mps2.unwrap_or(0.0),
@@ -228,6 +276,20 @@ pub fn text(recording: &Recording, remarks: &[String]) -> String {
     key("acceleration_mps2", changes.map(Into::into));
     let backward = (recording.direction == Direction::Backward).then(|| "backward".into());
     key("direction", backward);
+    let margins = &recording.margins;
+    if *margins != Margins::default() {
+        text.push_str("\n[range]\n");
+        for (name, value) in [
+            ("speed", margins.speed),
+            ("entry_s", margins.entry_s),
+            ("load", margins.load),
+            ("stiffness", margins.stiffness),
+        ] {
+            if let Some(value) = value {
+                let _ = writeln!(text, "{name} = {}", toml::Value::from(value));
+            }
+        }
+    }
     for channel in &recording.channels {
         let _ = writeln!(text, "\n[[channel]]");
         let _ = writeln!(text, "column = {}", toml::Value::from(channel.column.as_str()));
@@ -235,8 +297,12 @@ pub fn text(recording: &Recording, remarks: &[String]) -> String {
             let _ = writeln!(text, "node = {node}");
         }
         let _ = writeln!(text, "unit = \"{}\"", channel.unit.name());
-        if channel.lsb_mps2 != DEFAULT_LSB_MPS2 {
-            let _ = writeln!(text, "lsb_mps2 = {:?}", channel.lsb_mps2);
+        if channel.lsb != channel.unit.default_lsb() {
+            let _ = match channel.unit.quantity() {
+                Quantity::Acceleration => writeln!(text, "lsb_mps2 = {:?}", channel.lsb),
+                // In f64, so that it is the same f32 again when it has been read.
+                Quantity::Displacement => writeln!(text, "lsb_mm = {:?}", f64::from(channel.lsb) * 1e3),
+            };
         }
         if channel.full_scale_counts != DEFAULT_FULL_SCALE_COUNTS {
             let _ = writeln!(text, "full_scale_counts = {}", channel.full_scale_counts);

@@ -3,10 +3,11 @@
 //! ```text
 //! case.csv     time_s,acc_node6_mps2           first column time_s, then one column a channel, header required
 //!              0.000,1.23400000e-3
-//! case.toml    bridge, train, cars, speed_kmh, entry_time_s, load_factor, antialias_hz, track, [[channel]]
+//! case.toml    bridge, train, cars, speed_kmh, entry_time_s, load_factor, antialias_hz, track, [range], [[channel]]
 //! ```
 //!
-//! Acceleration is positive up. Times increase by one interval a row, or by a whole number of intervals where rows are
+//! A speed, entry time or load that the TOML gives is held; one that it does not give is estimated from the passage, with the
+//! damage. `[range]` makes of a given value a first guess ([`Margins`]). Accelerations and displacements are positive up. Times increase by one interval a row, or by a whole number of intervals where rows are
 //! missing: such a gap is kept ([`Run`]), since the logger counts missing samples. [`description`] reads the TOML,
 //! [`table`] the CSV, [`clock`] makes sample indices of the times.
 
@@ -19,6 +20,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use spanwatch::interaction::Direction;
 use spanwatch::train::GRAVITY_MPS2;
+use spanwatch::wire::message::Quantity;
 
 use crate::output;
 use crate::train::TrainName;
@@ -31,6 +33,11 @@ pub const DEFAULT_RANGE_G: f64 = 2.0;
 /// Acceleration of one count of the converter that is assumed, m/s²: 2 x 2 g / 2^24 = 2.338 µm/s².
 pub const DEFAULT_LSB_MPS2: f32 = (2.0 * DEFAULT_RANGE_G * GRAVITY_MPS2 / (1_u32 << 24) as f64) as f32;
 
+/// Range of the converter that is assumed for a displacement, to either side, m.
+pub const DEFAULT_RANGE_M: f64 = 0.1;
+/// Displacement of one count of the converter that is assumed, m: 2 x 100 mm / 2^24 = 11.9 nm.
+pub const DEFAULT_LSB_M: f32 = (2.0 * DEFAULT_RANGE_M / (1_u32 << 24) as f64) as f32;
+
 /// The unit of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
@@ -40,7 +47,7 @@ pub enum Unit {
     StandardGravity,
     /// Gal, 0.01 m/s².
     Gal,
-    /// Millimetre of displacement: written by `simulate`, not yet read.
+    /// Millimetre of displacement.
     Millimetre,
 }
 
@@ -67,6 +74,22 @@ impl Unit {
         }
     }
 
+    /// What is measured in it.
+    pub fn quantity(self) -> Quantity {
+        match self {
+            Self::MetrePerSecondSquared | Self::StandardGravity | Self::Gal => Quantity::Acceleration,
+            Self::Millimetre => Quantity::Displacement,
+        }
+    }
+
+    /// What one count of the converter that is assumed stands for, m/s² (m).
+    pub fn default_lsb(self) -> f32 {
+        match self.quantity() {
+            Quantity::Acceleration => DEFAULT_LSB_MPS2,
+            Quantity::Displacement => DEFAULT_LSB_M,
+        }
+    }
+
     /// What one of it is in the unit of [`Channel::values`].
     pub fn factor(self) -> f64 {
         match self {
@@ -87,8 +110,8 @@ pub struct Channel {
     pub node: Option<u16>,
     /// Unit in the file.
     pub unit: Unit,
-    /// Acceleration of one count of the sensor's converter, m/s².
-    pub lsb_mps2: f32,
+    /// What one count of the sensor's converter stands for, m/s² (m).
+    pub lsb: f32,
     /// Counts at or beyond ± this are saturated.
     pub full_scale_counts: i32,
     /// One value a row, m/s² (m in a column of displacement).
@@ -102,17 +125,32 @@ impl Channel {
             column,
             node,
             unit,
-            lsb_mps2: DEFAULT_LSB_MPS2,
+            lsb: unit.default_lsb(),
             full_scale_counts: DEFAULT_FULL_SCALE_COUNTS,
             values,
         }
     }
 
     /// The raw count of a value: rounded, and cut off at the end of the converter's range.
-    pub fn count(&self, value_mps2: f64) -> i32 {
+    pub fn count(&self, value: f64) -> i32 {
         let full = f64::from(self.full_scale_counts);
-        (value_mps2 / f64::from(self.lsb_mps2)).round().clamp(-full, full) as i32
+        (value / f64::from(self.lsb)).round().clamp(-full, full) as i32
     }
+}
+
+/// How far off a passage may be what its recording says of it: the table `[range]`. A value that is given is held where
+/// nothing stands here.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Margins {
+    /// Speed, as a part of `speed_kmh`.
+    pub speed: Option<f64>,
+    /// Entry time, s to either side of `entry_time_s`.
+    pub entry_s: Option<f64>,
+    /// Load factor, as a part of `load_factor`, or of 1 where that is not given.
+    pub load: Option<f64>,
+    /// Stiffness of the whole bridge, as a part of its model's. None: held, since a warm bridge, softer everywhere by a little, is
+    /// damaged a little everywhere: only what is expected of each, its prior, tells the two apart, and that must be wanted.
+    pub stiffness: Option<f64>,
 }
 
 /// A recording: its samples and what is known of the passage.
@@ -132,13 +170,15 @@ pub struct Recording {
     pub train: Option<TrainName>,
     /// Number of its cars; there if [`Self::train`] is one that the logger knows.
     pub cars: Option<usize>,
-    /// Speed, km/h; none: to be estimated from the record.
+    /// Speed, km/h; none: estimated from the passage.
     pub speed_kmh: Option<f64>,
-    /// File time at which the first axle reaches node 1, s; none: to be estimated. [`Self::entry_in_stream_s`] is the
+    /// File time at which the first axle reaches node 1, s; none: estimated. [`Self::entry_in_stream_s`] is the
     /// same on the stream's clock.
     pub entry_time_s: Option<f64>,
-    /// Scales the static wheel loads; none: to be estimated.
+    /// Scales the static wheel loads; none: estimated.
     pub load_factor: Option<f64>,
+    /// How far off these may be.
+    pub margins: Margins,
     /// Cut-off of the recorder's filter, Hz; none: no filter.
     pub antialias_hz: Option<f64>,
     /// Name of the file of the track's irregularity, from the recording's folder; none: smooth.

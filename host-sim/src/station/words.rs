@@ -2,20 +2,30 @@
 
 use std::fmt::Write as _;
 
-use spanwatch::wire::message::{Alert, Fit, PassageReport, Quality, Reason, Restart, Status, Trigger, Verdict};
+use spanwatch::wire::message::{
+    Alert, Fit, PassageReport, Quality, Quantity, Reason, Restart, Status, Trigger, Verdict,
+};
 
 use crate::recording::Recording;
 
 /// Damage below this, per mille, is not worth a word.
 const WORTH_A_WORD_PERMILLE: u16 = 20;
 
-/// A passage, with times in the recording's own clock.
-pub fn passage(report: &PassageReport, start_s: f64, end_s: f64) -> String {
-    let peak = report.peak_mps2.iter().fold(0.0_f32, |most, &peak| most.max(peak));
+/// A passage, with times in the recording's own clock; `quantities` are those of its channels.
+pub fn passage(report: &PassageReport, quantities: &[Quantity], start_s: f64, end_s: f64) -> String {
+    let peak = |quantity: Quantity| {
+        let of_it = report.peak.iter().zip(quantities).filter(|(_, of)| **of == quantity);
+        of_it.map(|(&peak, _)| peak).reduce(f32::max)
+    };
     let mut text = format!(
-        "Passage {}: {start_s:.2} s to {end_s:.2} s, peak {peak:.3} m/s², level {:.0} dB re 1 µm/s².",
-        report.passage, report.level_db
+        "Passage {}: {start_s:.2} s to {end_s:.2} s, peak {:.3} m/s²",
+        report.passage,
+        peak(Quantity::Acceleration).unwrap_or(0.0)
     );
+    if let Some(peak_m) = peak(Quantity::Displacement) {
+        let _ = write!(text, " and {:.3} mm", 1e3 * peak_m);
+    }
+    let _ = write!(text, ", level {:.0} dB re 1 µm/s².", report.level_db);
     let _ = match &report.verdict {
         Verdict::Healthy { fit, hidden_permille } => write!(
             text,
@@ -40,7 +50,8 @@ pub fn passage(report: &PassageReport, start_s: f64, end_s: f64) -> String {
 
 /// A recording in which no passage was found.
 pub fn no_passage(recording: &Recording, trigger: &Trigger) -> String {
-    let strongest = recording.channels.iter().map(|channel| {
+    let accelerations = (recording.channels.iter()).filter(|channel| channel.unit.quantity() == Quantity::Acceleration);
+    let strongest = accelerations.map(|channel| {
         let mean = channel.values.iter().sum::<f64>() / channel.values.len().max(1) as f64;
         channel
             .values
@@ -79,11 +90,13 @@ pub fn percent(fraction: f64) -> String {
 fn why(reason: &Reason) -> String {
     match reason {
         Reason::NoModel => "the logger has no model of this bridge".to_owned(),
-        Reason::NoTraffic => "the logger was not told which train passes, how fast and when".to_owned(),
+        Reason::NoTraffic => "the logger was not told which train passes".to_owned(),
         Reason::TooLong => "the passage is longer than the logger can keep or identify".to_owned(),
         Reason::Busy => "the logger was still identifying an earlier passage".to_owned(),
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
-        Reason::NotThisTrain => "the train that was announced did not enter the bridge during it".to_owned(),
+        Reason::NotThisTrain => {
+            "the train that was announced did not enter the bridge during it, or takes longer to cross it".to_owned()
+        }
         Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
         Reason::Unexplained => {
             "no pattern of damage explains the record; check train, speed, entry time, and the node, unit and sign of \
