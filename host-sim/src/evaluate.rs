@@ -17,7 +17,7 @@ use crate::simulate::Scenario;
 use crate::train::TrainName;
 
 /// A case of the paper's Tables 6 to 8.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
     /// Its number.
     pub number: u32,

@@ -176,7 +176,17 @@ impl Observed {
     /// If the scenario cannot be solved, or the logger does not know the bridge or the train.
     pub fn simulated(bridge: &BridgeFrame, scenario: &Scenario) -> Result<Self> {
         let passage = simulate(&Structure::new(bridge.clone())?, scenario)?;
-        let bridge = reduce(bridge)?.cast();
+        let samples = (0..passage.channels[0].len())
+            .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
+            .collect();
+        Self::of(reduce(bridge)?.cast(), scenario, samples)
+    }
+
+    /// Samples of any origin, to be explained as a passage of `scenario` by the logger's own model and steps.
+    ///
+    /// # Errors
+    /// If the logger does not know the train, or a sensor sits where the bridge has none.
+    pub fn of(bridge: ReducedBridge<f32>, scenario: &Scenario, samples: Vec<f32>) -> Result<Self> {
         let TrainName::Known(kind) = scenario.train else {
             bail!("the logger does not know train \"{}\"", scenario.train.name())
         };
@@ -195,9 +205,7 @@ impl Observed {
         Ok(Self {
             bridge,
             observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
-            samples: (0..passage.channels[0].len())
-                .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
-                .collect(),
+            samples,
             first_sample: 0,
         })
     }
