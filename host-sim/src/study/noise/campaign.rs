@@ -25,7 +25,7 @@ use super::field::Field;
 use super::truth::{Drawn, Recorded, Setting};
 use super::{Nuisance, Point};
 use crate::batch;
-use crate::evaluate::Case;
+use crate::evaluate::{Case, median_and_worst};
 use crate::model::BridgeFrame;
 use crate::model::reduce::reduce;
 
@@ -174,7 +174,6 @@ pub fn run(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
 /// By how much the answer explains a recording worse than the truth does, in variances of the noise.
 fn excess(explaining: &Explaining, drawn: &Drawn, answer: &Answer, recorded: &Recorded) -> Result<f64> {
     let of = |at: &Point| explaining.chi_square(at, &recorded.samples, &recorded.sigma);
-    // The model's dampings are its own, whatever the stiffness.
     Ok(of(&answer.found)? - of(&drawn.truth)?)
 }
 
@@ -222,8 +221,9 @@ pub struct Spread {
 }
 
 impl Spread {
-    fn of(values: &Damage<f64>) -> Self {
-        let (median, worst) = median_and_worst(values.iter().copied()).unwrap_or((f64::NAN, f64::NAN));
+    /// Of one value an element.
+    pub fn of(values: &Damage<f64>) -> Self {
+        let (median, worst) = median_and_worst(values.to_vec()).unwrap_or((f64::NAN, f64::NAN));
         Self {
             rms: mean(values.iter().map(|v| v * v)).sqrt(),
             median,
@@ -307,24 +307,17 @@ impl Row {
 
     /// Forward solves, median and worst.
     pub fn solves(&self) -> (u32, u32) {
-        median_and_worst(self.outcomes.iter().map(|outcome| outcome.answer.forward_solves)).unwrap_or((0, 0))
+        median_and_worst((self.outcomes.iter()).map(|outcome| outcome.answer.forward_solves).collect()).unwrap_or((0, 0))
     }
 
     /// Seconds an identification, median and worst.
     pub fn seconds(&self) -> (f64, f64) {
-        median_and_worst(self.outcomes.iter().map(|outcome| outcome.seconds)).unwrap_or((0.0, 0.0))
+        median_and_worst(self.outcomes.iter().map(|outcome| outcome.seconds).collect()).unwrap_or((0.0, 0.0))
     }
 }
 
 /// The mean; not a number of nothing.
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (count, sum) = values.fold((0.0, 0.0), |(count, sum), value| (count + 1.0, sum + value));
     sum / count
-}
-
-/// Median (of an even number the upper of the middle two) and worst.
-fn median_and_worst<N: Copy + PartialOrd>(values: impl Iterator<Item = N>) -> Option<(N, N)> {
-    let mut values: Vec<N> = values.collect();
-    values.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
-    Some((*values.get(values.len() / 2)?, *values.last()?))
 }

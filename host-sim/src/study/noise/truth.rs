@@ -102,8 +102,7 @@ impl Setting {
         }
     }
 
-    /// Random numbers for one purpose: each purpose has its own, so that noise and errors are the same whichever others are on,
-    /// with one sensor or three.
+    /// Random numbers for one purpose: each has its own, so that an error is the same whether others are there or not.
     pub fn generator(&self, seed: u64, purpose: Purpose) -> Xoshiro256PlusPlus {
         let case = 2 * u64::from(self.case.number) + self.case.train as u64;
         Xoshiro256PlusPlus::seed_from_u64((seed << 16) + (case << 8) + purpose as u64)
