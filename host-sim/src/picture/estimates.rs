@@ -5,7 +5,9 @@ use plotters::style::text_anchor::HPos;
 use plotters::style::{Color, RGBColor};
 use spanwatch::capacity::ELEMENTS;
 
-use super::canvas::{BLUE, BODY, Canvas, GRID, GREEN, INK, LEFT, Panel, SMALL, SOFT, Svg, TITLE, Ticks, VERMILION, ticks};
+use super::canvas::{
+    BLUE, BODY, Canvas, GREEN, GRID, INK, LEFT, Panel, SMALL, SOFT, Svg, TITLE, Ticks, VERMILION, ticks,
+};
 use crate::study::noise::campaign::Row;
 use crate::study::noise::truth::Setting;
 use crate::train::TrainName;
@@ -13,7 +15,7 @@ use crate::train::TrainName;
 /// Identifications of a row that are drawn; more would be a blur.
 const DRAWN: usize = 10;
 /// Sizes, px.
-const HEAD: f64 = 132.0;
+const HEAD: f64 = 104.0;
 const CAPTION: f64 = 34.0;
 const PANEL: f64 = 150.0;
 const GAP: f64 = 10.0;
@@ -22,8 +24,8 @@ const AXIS: f64 = 58.0;
 const FILLED: f64 = 0.86;
 /// Standard deviations of the bound's band.
 const BAND: f64 = 1.96;
-/// Scale of the panels, %.
-const SCALE: (f64, f64) = (0.0, 70.0);
+/// Ticks of a panel, and what each stands for, %.
+const TICK: f64 = 10.0;
 /// Colours of the sets of sensors, in their order.
 const COLOURS: [RGBColor; 3] = [VERMILION, BLUE, GREEN];
 
@@ -45,12 +47,18 @@ pub fn svg(rows: &[Row]) -> Result<String> {
             sets.push(&row.setting.nodes);
         }
     }
+    // One scale for all, a whole number of ticks, that holds all that is drawn.
+    let ends = rows.iter().flat_map(|row| {
+        let drawn = row.outcomes.iter().take(DRAWN);
+        drawn.flat_map(|outcome| outcome.answer.high.into_iter().chain(outcome.truth.damage))
+    });
+    let scale = (100.0 * ends.fold(0.0, f64::max) / TICK).ceil().max(1.0) * TICK;
     let height = HEAD + panels.len() as f64 * (CAPTION + PANEL + GAP) + AXIS;
     Svg::draw(height, |canvas| {
         head(canvas, rows, &sets)?;
         for (k, panel) in panels.iter().enumerate() {
             let top = HEAD + k as f64 * (CAPTION + PANEL + GAP) + CAPTION;
-            draw(canvas, panel, &sets, top, k + 1 == panels.len())?;
+            draw(canvas, panel, &sets, scale, top, k + 1 == panels.len())?;
         }
         Ok(())
     })
@@ -65,7 +73,14 @@ fn alike(a: &Setting, b: &Setting) -> bool {
 }
 
 fn head(canvas: &Canvas<'_>, rows: &[Row], sets: &[&[u16]]) -> Result<()> {
-    canvas.text("Estimated damage beside the true one", LEFT, 30.0, TITLE, INK, HPos::Left)?;
+    canvas.text(
+        "Estimated damage beside the true one",
+        LEFT,
+        30.0,
+        TITLE,
+        INK,
+        HPos::Left,
+    )?;
     let seeds = rows.first().map_or(0, |row| row.outcomes.len());
     let shown = seeds.min(DRAWN);
     let which = match shown {
@@ -78,7 +93,11 @@ fn head(canvas: &Canvas<'_>, rows: &[Row], sets: &[&[u16]]) -> Result<()> {
     let mut x = LEFT;
     for (colour, nodes) in COLOURS.iter().zip(sets) {
         let numbers: Vec<String> = nodes.iter().map(u16::to_string).collect();
-        let label = format!("sensor at node{} {}", if nodes.len() > 1 { "s" } else { "" }, numbers.join(", "));
+        let label = format!(
+            "sensor at node{} {}",
+            if nodes.len() > 1 { "s" } else { "" },
+            numbers.join(", ")
+        );
         canvas.stroke(&[(x + 8.0, 74.0), (x + 8.0, 92.0)], *colour, 1.4)?;
         canvas.spot(x + 8.0, 83.0, 2.6, *colour)?;
         canvas.text(&label, x + 20.0, 83.0, SMALL, INK, HPos::Left)?;
@@ -95,7 +114,7 @@ fn head(canvas: &Canvas<'_>, rows: &[Row], sets: &[&[u16]]) -> Result<()> {
 /// Colour of the bound's band.
 const BOUND: RGBColor = RGBColor(0xD8, 0xD8, 0xD8);
 
-fn draw(canvas: &Canvas<'_>, rows: &[&Row], sets: &[&[u16]], top: f64, last: bool) -> Result<()> {
+fn draw(canvas: &Canvas<'_>, rows: &[&Row], sets: &[&[u16]], scale: f64, top: f64, last: bool) -> Result<()> {
     let Some(first) = rows.first() else { return Ok(()) };
     let setting = &first.setting;
     let case = &setting.case;
@@ -103,7 +122,11 @@ fn draw(canvas: &Canvas<'_>, rows: &[&Row], sets: &[&[u16]], top: f64, last: boo
         "none" => String::new(),
         name => format!("; unknown to the model: {name}"),
     };
-    let cars = if case.cars == 1 { "1 car".to_owned() } else { format!("{} cars", case.cars) };
+    let cars = if case.cars == 1 {
+        "1 car".to_owned()
+    } else {
+        format!("{} cars", case.cars)
+    };
     let words = format!(
         "Case {}: {}, {cars}, {:.0} km/h; {:.0} % noise; speed, entry, load, stiffness {}{field}",
         case.number,
@@ -113,8 +136,8 @@ fn draw(canvas: &Canvas<'_>, rows: &[&Row], sets: &[&[u16]], top: f64, last: boo
         setting.nuisance.name()
     );
     canvas.text(&words, LEFT, top - 13.0, BODY, INK, HPos::Left)?;
-    let panel = canvas.panel(top, PANEL, (0.5, ELEMENTS as f64 + 0.5), SCALE);
-    panel.grid(&Ticks::none(), &ticks(SCALE.0, SCALE.1, 7))?;
+    let panel = canvas.panel(top, PANEL, (0.5, ELEMENTS as f64 + 0.5), (0.0, scale));
+    panel.grid(&Ticks::none(), &ticks(0.0, scale, (scale / TICK) as usize))?;
     panel.y_label("loss, %")?;
     let width = FILLED / sets.len() as f64;
     for row in rows {
@@ -153,7 +176,13 @@ fn strip(
     let truth = row.setting.draw(0).truth.damage[e];
     let y = |part: f64| panel.py(100.0 * part);
     let (from, to) = (panel.px(left), panel.px(left + width) - 2.0);
-    canvas.fill(from, y(truth + BAND * row.bound[e]), to, y(truth - BAND * row.bound[e]), BOUND)?;
+    canvas.fill(
+        from,
+        y(truth + BAND * row.bound[e]),
+        to,
+        y(truth - BAND * row.bound[e]),
+        BOUND,
+    )?;
     canvas.stroke(&[(from, y(truth)), (to, y(truth))], INK, 2.4)?;
     let outcomes = &row.outcomes[..row.outcomes.len().min(DRAWN)];
     for (k, outcome) in outcomes.iter().enumerate() {

@@ -41,6 +41,8 @@ pub const FAR: f64 = 5.0;
 pub struct Plan {
     /// Cases.
     pub cases: Vec<Case>,
+    /// What every element has lost besides its case's damage, as [`Setting::wear`].
+    pub wear: f64,
     /// Parts of each channel's RMS.
     pub noise: Vec<f64>,
     /// Sets of sensors.
@@ -65,6 +67,7 @@ impl Plan {
                             let nodes = nodes.clone();
                             settings.push(Setting {
                                 case,
+                                wear: self.wear,
                                 noise,
                                 nodes,
                                 nuisance,
@@ -307,7 +310,12 @@ impl Row {
 
     /// Forward solves, median and worst.
     pub fn solves(&self) -> (u32, u32) {
-        median_and_worst((self.outcomes.iter()).map(|outcome| outcome.answer.forward_solves).collect()).unwrap_or((0, 0))
+        median_and_worst(
+            (self.outcomes.iter())
+                .map(|outcome| outcome.answer.forward_solves)
+                .collect(),
+        )
+        .unwrap_or((0, 0))
     }
 
     /// Seconds an identification, median and worst.

@@ -265,7 +265,11 @@ pub fn run(
                 })
                 .collect();
             // Equal passages share their bound.
-            let different = if traffic == Traffic::Same { &passages[..1] } else { &passages };
+            let different = if traffic == Traffic::Same {
+                &passages[..1]
+            } else {
+                &passages
+            };
             let possible = batch::each(different, |passage| -> Result<Evidence> {
                 let ideal = Setting {
                     nuisance: Nuisance::Known,
@@ -310,7 +314,10 @@ pub fn run(
                 setting: setting.clone(),
                 traffic,
                 bound: fuse(&all, stiffness).std,
-                fused: found.chunks(PASSAGES).map(|passages| fuse(passages, stiffness)).collect(),
+                fused: found
+                    .chunks(PASSAGES)
+                    .map(|passages| fuse(passages, stiffness))
+                    .collect(),
             });
         }
     }

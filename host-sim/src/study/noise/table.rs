@@ -54,8 +54,23 @@ fn train(setting: &Setting) -> &'static str {
 /// The rows of a campaign as a table in Markdown; what the model does not know is named if anything is unknown in any.
 pub fn campaign(rows: &[Row]) -> String {
     let heads = [
-        "case", "train", "noise", "nodes", "run", "error", "RMSE", "bound", "ratio", "95 %", "ends", "rivals", "false",
-        "missed", "unexplained", "solves", "s",
+        "case",
+        "train",
+        "noise",
+        "nodes",
+        "run",
+        "error",
+        "RMSE",
+        "bound",
+        "ratio",
+        "95 %",
+        "ends",
+        "rivals",
+        "false",
+        "missed",
+        "unexplained",
+        "solves",
+        "s",
     ];
     let mut lines = vec![heads.map(String::from)];
     for row in rows {
@@ -120,6 +135,7 @@ fn setting_json(setting: &Setting) -> Value {
         "train": TrainName::Known(setting.case.train).name(),
         "cars": setting.case.cars,
         "speed_kmh": setting.case.speed_kmh,
+        "wear": setting.wear,
         "noise": setting.noise,
         "nodes": setting.nodes,
         "nuisance": setting.nuisance.name(),

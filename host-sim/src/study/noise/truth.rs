@@ -45,6 +45,9 @@ pub const UNKNOWN: Ranges = Ranges {
 pub struct Setting {
     /// Bridge, damage, train and speed.
     pub case: Case,
+    /// Part of what is left of its stiffness that every element has lost besides. With it no element's damage lies at a bound of
+    /// what an estimate can be, so that bound and interval can be judged for themselves.
+    pub wear: f64,
     /// White noise, as a part of each channel's RMS.
     pub noise: f64,
     /// Sensors, by their nodes.
@@ -58,11 +61,14 @@ pub struct Setting {
 impl Setting {
     /// The passage as the truth solves it.
     pub fn scenario(&self) -> Scenario {
+        let scenario = self.case.scenario(Signal::Raw).recorded();
+        let worn = |loss: &f64| 1.0 - (1.0 - loss) * (1.0 - self.wear);
         Scenario {
+            damage: scenario.damage.iter().map(worn).collect(),
             modes: MODES,
             step_s: STEP_S,
             nodes: self.nodes.clone(),
-            ..self.case.scenario(Signal::Raw).recorded()
+            ..scenario
         }
     }
 
