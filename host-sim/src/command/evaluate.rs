@@ -14,6 +14,7 @@ use host_sim::study::noise::fusion::{self, Traffic};
 use host_sim::study::noise::{self, Nuisance};
 use host_sim::study::{accuracy, node_maxima, precision};
 use host_sim::{model, output, terminal};
+use spanwatch::capacity::CHANNELS;
 use spanwatch::identify::paper_ga;
 use spanwatch::wire::message::TrainKind;
 
@@ -95,10 +96,10 @@ pub(super) struct Noise {
     #[arg(long, value_name = "NODES")]
     sensors: Vec<SensorSet>,
     /// Whether speed, entry time, load and stiffness of the whole bridge are known
-    #[arg(long, value_enum, default_value_t = Known::Both)]
-    nuisance: Known,
+    #[arg(long, value_enum, default_value_t = Told::Both)]
+    nuisance: Told,
     /// Identifications a row (fusion: bridges of thirty passages); their seeds are 1, 2, ..
-    #[arg(long, default_value_t = 10)]
+    #[arg(long, default_value_t = 20)]
     seeds: u32,
     /// Print one JSON array in place of the table
     #[arg(long)]
@@ -119,10 +120,10 @@ enum Campaign {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Known {
-    /// They are
+enum Told {
+    /// They are told, and true
     Known,
-    /// They are not
+    /// A first guess is told, and how far off it may be
     Unknown,
     /// Both, one after the other
     Both,
@@ -138,6 +139,9 @@ impl FromStr for SensorSet {
     fn from_str(text: &str) -> Result<Self, String> {
         let node = |part: &str| (part.trim().parse()).map_err(|_| format!("\"{part}\" is no node"));
         let nodes = text.split(',').map(node).collect::<Result<Vec<u16>, _>>()?;
+        if nodes.len() > CHANNELS || (1..nodes.len()).any(|i| nodes[..i].contains(&nodes[i])) {
+            return Err(format!("a set of sensors is 1 to {CHANNELS} different nodes"));
+        }
         Ok(Self(nodes))
     }
 }
@@ -255,9 +259,9 @@ fn noise(arguments: &Noise) -> Result<()> {
         noise: arguments.noise.clone(),
         sensors,
         nuisance: match arguments.nuisance {
-            Known::Known => vec![Nuisance::Known],
-            Known::Unknown => vec![Nuisance::Unknown],
-            Known::Both => vec![Nuisance::Known, Nuisance::Unknown],
+            Told::Known => vec![Nuisance::Known],
+            Told::Unknown => vec![Nuisance::Unknown],
+            Told::Both => vec![Nuisance::Known, Nuisance::Unknown],
         },
         fields: match arguments.campaign {
             Campaign::Field => Field::ALL.to_vec(),

@@ -107,7 +107,7 @@ fn head(canvas: &Canvas<'_>, rows: &[Row], sets: &[&[u16]]) -> Result<()> {
     canvas.text("true", x + 34.0, 83.0, SMALL, INK, HPos::Left)?;
     x += 84.0;
     canvas.fill(x, 75.0, x + 26.0, 91.0, BOUND)?;
-    let label = "what no unbiased method can do better than (true ± 1.96 Cramer-Rao bounds)";
+    let label = "where 95 % of the best unbiased estimates would lie (± 1.96 Cramer-Rao bounds)";
     canvas.text(label, x + 34.0, 83.0, SMALL, INK, HPos::Left)
 }
 
@@ -127,9 +127,17 @@ fn draw(canvas: &Canvas<'_>, rows: &[&Row], sets: &[&[u16]], scale: f64, top: f6
     } else {
         format!("{} cars", case.cars)
     };
+    let lost: Vec<String> = (case.damage.iter())
+        .map(|(element, loss)| format!("element {element}: {:.0} %", 100.0 * loss))
+        .collect();
+    let wear = match setting.wear {
+        0.0 => String::new(),
+        wear => format!("; all worn by {:.0} %", 100.0 * wear),
+    };
     let words = format!(
-        "Case {}: {}, {cars}, {:.0} km/h; {:.0} % noise; speed, entry, load, stiffness {}{field}",
+        "Case {} ({}{wear}): {}, {cars}, {:.0} km/h; {:.0} % noise; speed, entry, load, stiffness {}{field}",
         case.number,
+        lost.join(", "),
         TrainName::Known(case.train).name(),
         case.speed_kmh,
         100.0 * setting.noise,

@@ -175,7 +175,7 @@ pub fn run(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
 }
 
 /// By how much the answer explains a recording worse than the truth does, in variances of the noise.
-fn excess(explaining: &Explaining, drawn: &Drawn, answer: &Answer, recorded: &Recorded) -> Result<f64> {
+pub(super) fn excess(explaining: &Explaining, drawn: &Drawn, answer: &Answer, recorded: &Recorded) -> Result<f64> {
     let of = |at: &Point| explaining.chi_square(at, &recorded.samples, &recorded.sigma);
     Ok(of(&answer.found)? - of(&drawn.truth)?)
 }

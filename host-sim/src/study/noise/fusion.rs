@@ -21,7 +21,7 @@ use spanwatch::capacity::ELEMENTS;
 use spanwatch::wire::message::{Ranges, TrainKind};
 
 use super::bound::{Explaining, Linearised, UNKNOWNS, bound, with_prior};
-use super::campaign::{Spread, mean};
+use super::campaign::{BASIN, Spread, excess, mean};
 use super::explain::{identify, observe};
 use super::field::Field;
 use super::truth::{Drawn, Purpose, Setting, UNKNOWN};
@@ -206,6 +206,9 @@ pub struct Row {
     pub bound: Damage<f64>,
     /// One a seed.
     pub fused: Vec<Fused>,
+    /// Passages, of all seeds, whose answer explains them worse than the truth does by [`BASIN`]: what they say is wrong, and spoils
+    /// what they are put together with.
+    pub wrong: usize,
 }
 
 impl Row {
@@ -292,7 +295,7 @@ pub fn run(
             let jobs: Vec<(usize, u64)> = (1..=u64::from(seeds))
                 .flat_map(|seed| (0..PASSAGES).map(move |k| (k, seed)))
                 .collect();
-            let found = batch::each(&jobs, |&(k, seed)| -> Result<Evidence> {
+            let found = batch::each(&jobs, |&(k, seed)| -> Result<(Evidence, bool)> {
                 let passage = &passages[k];
                 let mut drawn = passage.draw((seed << 8) + k as u64);
                 if setting.nuisance == Nuisance::Unknown {
@@ -305,8 +308,9 @@ pub fn run(
                 let explaining = Explaining::new(&model, passage)?;
                 let linearised =
                     explaining.linearise(&answer.found, &recorded.samples, &recorded.sigma, &drawn.ranges)?;
+                let wrong = excess(&explaining, &drawn, &answer, &recorded)? > BASIN;
                 done();
-                Ok(evidence(&linearised, &answer.found, &drawn))
+                Ok((evidence(&linearised, &answer.found, &drawn), wrong))
             })
             .into_iter()
             .collect::<Result<Vec<_>>>()?;
@@ -314,9 +318,10 @@ pub fn run(
                 setting: setting.clone(),
                 traffic,
                 bound: fuse(&all, stiffness).std,
-                fused: found
-                    .chunks(PASSAGES)
-                    .map(|passages| fuse(passages, stiffness))
+                wrong: found.iter().filter(|(_, wrong)| *wrong).count(),
+                fused: (found.chunks(PASSAGES))
+                    .map(|passages| passages.iter().map(|(said, _)| *said).collect::<Vec<_>>())
+                    .map(|passages| fuse(&passages, stiffness))
                     .collect(),
             });
         }

@@ -22,7 +22,7 @@ without an alarm. unexplained: identifications that say so. solves: median / wor
 const FUSED_LEGEND: &str = "\
 RMSE, bound: of the damage from thirty passages, points: root mean square over elements (and seeds) / median / worst element; the
 bound is that of all thirty together. ratio: RMSE to bound over all elements / of the worst. 95 %: damages within 1.96 standard
-deviations.
+deviations. wrong: passages whose answer explains them worse than the truth by 5 standard deviations.
 ";
 
 fn points(spread: Spread) -> String {
@@ -105,7 +105,7 @@ pub fn campaign(rows: &[Row]) -> String {
 /// The rows of thirty passages put together, as a table in Markdown.
 pub fn fused(rows: &[fusion::Row]) -> String {
     let heads = [
-        "case", "trains", "noise", "nodes", "run", "bridges", "RMSE", "bound", "ratio", "95 %",
+        "case", "trains", "noise", "nodes", "run", "bridges", "RMSE", "bound", "ratio", "95 %", "wrong",
     ];
     let mut lines = vec![heads.map(String::from)];
     for row in rows {
@@ -124,6 +124,7 @@ pub fn fused(rows: &[fusion::Row]) -> String {
             points(Spread::of(&row.bound)),
             format!("{all:.2} / {worst:.2}"),
             per_cent(row.coverage()),
+            row.wrong.to_string(),
         ]);
     }
     format!("{}\n{FUSED_LEGEND}", aligned(lines))
@@ -211,6 +212,7 @@ pub fn fused_json(rows: &[fusion::Row]) -> Value {
             "ratio": all,
             "ratio_worst": worst,
             "coverage": row.coverage(),
+            "wrong": row.wrong,
             "found": row.fused.iter().map(|fused| json!({"damage": fused.damage, "std": fused.std})).collect::<Vec<_>>(),
         });
         merge(&mut object, figures);
