@@ -135,7 +135,7 @@ fn draw(canvas: &Canvas<'_>, rows: &[&Row], sets: &[&[u16]], scale: f64, top: f6
         wear => format!("; all worn by {:.0} %", 100.0 * wear),
     };
     let words = format!(
-        "Case {} ({}{wear}): {}, {cars}, {:.0} km/h; {:.0} % noise; speed, entry, load, stiffness {}{field}",
+        "Case {} ({}{wear}): {}, {cars}, {:.0} km/h; {:.0} % noise; run and stiffness {}{field}",
         case.number,
         lost.join(", "),
         TrainName::Known(case.train).name(),
