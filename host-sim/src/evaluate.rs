@@ -17,7 +17,7 @@ use crate::simulate::Scenario;
 use crate::train::TrainName;
 
 /// A case of the paper's Tables 6 to 8.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
     /// Its number.
     pub number: u32,
@@ -175,7 +175,8 @@ impl Row {
     }
 }
 
-fn median_and_worst<N: Copy + PartialOrd>(mut values: Vec<N>) -> Option<(N, N)> {
+/// Median (of an even number the upper of the middle two) and largest; none of nothing.
+pub fn median_and_worst<N: Copy + PartialOrd>(mut values: Vec<N>) -> Option<(N, N)> {
     values.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
     Some((*values.get(values.len() / 2)?, *values.last()?))
 }
@@ -281,22 +282,9 @@ pub fn table(rows: &[Row]) -> String {
                 median_and_worst(row.seconds.clone()).map_or_else(String::new, |(m, _)| format!("{m:.1}")),
             ]);
         }
-        let widths: Vec<usize> = (0..heads.len())
-            .map(|c| lines.iter().map(|line| line[c].chars().count()).max().unwrap_or(0))
-            .collect();
-        lines.insert(1, std::array::from_fn(|c| "-".repeat(widths[c])));
         let method = group.first().map_or("", |row| row.method.name());
         // Writing to a String does not fail.
-        let _ = writeln!(text, "{method}\n");
-        for line in &lines {
-            let cells: Vec<String> = line
-                .iter()
-                .zip(&widths)
-                .map(|(cell, &width)| format!("{cell:<width$}"))
-                .collect();
-            let _ = writeln!(text, "| {} |", cells.join(" | "));
-        }
-        text.push('\n');
+        let _ = writeln!(text, "{method}\n\n{}", aligned(lines));
     }
     text.push_str(
         "true, found: elements and their loss in per cent, found: the code most often found. right: searches that ended at \
@@ -304,6 +292,22 @@ pub fn table(rows: &[Row]) -> String {
          median / worst; paper's: its converged generation.\nmisfit: median, (m/s2)2; for hybrid that of the damage \
          itself. seconds: median; a code solved before is looked up.\n",
     );
+    text
+}
+
+/// A table in Markdown, its columns aligned; the first line are its heads.
+pub fn aligned<const N: usize>(mut lines: Vec<[String; N]>) -> String {
+    let widths: [usize; N] =
+        std::array::from_fn(|c| lines.iter().map(|line| line[c].chars().count()).max().unwrap_or(0));
+    lines.insert(1.min(lines.len()), widths.map(|width| "-".repeat(width)));
+    let mut text = String::new();
+    for line in &lines {
+        let cells: Vec<String> = (line.iter().zip(widths))
+            .map(|(cell, width)| format!("{cell:<width$}"))
+            .collect();
+        // Writing to a String does not fail.
+        let _ = writeln!(text, "| {} |", cells.join(" | "));
+    }
     text
 }
 

@@ -9,7 +9,7 @@ use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::guess::{self, FirstGuess, Progress, Unknown};
 use spanwatch::identify::refine::Stop;
-use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, MicroGa, PaperGa, Pass, Problem};
+use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Pass, Problem};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, Run, SetupError};
 use spanwatch::passage::{Passage, Stream};
@@ -108,13 +108,7 @@ pub fn search(
             run(problem, &mut search, known, step)
         }
         Method::Hybrid => {
-            let (mut search, mut pass) = (Hybrid::new(seed), Pass::new());
-            let found = loop {
-                step(0);
-                if let Some(found) = search.advance(problem, &mut pass)? {
-                    break found;
-                }
-            };
+            let found = hybrid(problem, seed, &mut || step(0))?;
             Ok(Found {
                 damage: found.estimate.damage,
                 run: found.run,
@@ -129,6 +123,17 @@ pub fn search(
                 certain: found.certain(),
                 explained: Some(found.explained()),
             })
+        }
+    }
+}
+
+/// Runs the logger's search to its end; `slice` hears of every slice of it.
+fn hybrid(problem: &Problem<'_>, seed: u64, slice: &mut dyn FnMut()) -> Result<Identification> {
+    let (mut search, mut pass) = (Hybrid::new(seed), Box::new(Pass::new()));
+    loop {
+        slice();
+        if let Some(found) = search.advance(problem, &mut pass)? {
+            return Ok(found);
         }
     }
 }
@@ -190,7 +195,17 @@ impl Observed {
     /// If the scenario cannot be solved, or the logger does not know the bridge or the train.
     pub fn simulated(bridge: &BridgeFrame, scenario: &Scenario) -> Result<Self> {
         let passage = simulate(&Structure::new(bridge.clone())?, scenario)?;
-        let bridge = reduce(bridge)?.cast();
+        let samples = (0..passage.channels[0].len())
+            .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
+            .collect();
+        Self::of(reduce(bridge)?.cast(), scenario, samples)
+    }
+
+    /// Samples of any origin, to be explained as a passage of `scenario` by the logger's own model and steps.
+    ///
+    /// # Errors
+    /// If the logger does not know the train, or a sensor sits where the bridge has none.
+    pub fn of(bridge: ReducedBridge<f32>, scenario: &Scenario, samples: Vec<f32>) -> Result<Self> {
         let TrainName::Known(kind) = scenario.train else {
             bail!("the logger does not know train \"{}\"", scenario.train.name())
         };
@@ -209,9 +224,7 @@ impl Observed {
         Ok(Self {
             bridge,
             observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
-            samples: (0..passage.channels[0].len())
-                .flat_map(|i| passage.channels.iter().map(move |channel| channel[i] as f32))
-                .collect(),
+            samples,
             first_sample: 0,
             note: None,
         })
@@ -327,6 +340,14 @@ impl Observed {
             first_sample: first as u64,
             note,
         })
+    }
+
+    /// Identifies with the logger's search.
+    ///
+    /// # Errors
+    /// If the passage cannot be simulated.
+    pub fn identify(&self, seed: u64) -> Result<Identification> {
+        hybrid(&self.problem(), seed, &mut || ())
     }
 
     /// The problem to be searched.

@@ -24,7 +24,7 @@ use crate::model::modal::ModalModel;
 use crate::random::gaussian;
 use crate::recording::description::MAX_SPEED_KMH;
 use crate::track::Profile;
-use crate::train::TrainName;
+use crate::train::{SpatialTrain, TrainName};
 
 /// Most solver steps of one passage: a minute's work. A passage that needs more has a slip in its speed or step.
 pub const MAX_STEPS: f64 = 2e7;
@@ -283,8 +283,21 @@ pub fn simulate_reporting(
     scenario: &Scenario,
     report: &mut dyn FnMut(usize, usize),
 ) -> Result<Passage> {
-    scenario.check(bridge)?;
     let train = scenario.train.train(scenario.cars)?;
+    simulate_train(bridge, scenario, &train, report)
+}
+
+/// Solves a scenario under a train that may differ from the one it names.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_train(
+    bridge: &Structure,
+    scenario: &Scenario,
+    train: &SpatialTrain,
+    report: &mut dyn FnMut(usize, usize),
+) -> Result<Passage> {
+    scenario.check(bridge)?;
     let model = ModalModel::new(
         bridge,
         &scenario.loss(bridge.bridge.frame.groups.len()),
@@ -328,7 +341,7 @@ pub fn simulate_reporting(
     let mut step = 0;
     let crossing = Crossing {
         model: &model,
-        train: &train,
+        train,
         run,
         track: (scenario.track.as_ref()).map(|profile| profile as &dyn Track<f64>),
         scheme: scenario.scheme,

@@ -201,6 +201,19 @@ impl<'a> Canvas<'a> {
         self.area.draw(&PathElement::new(points, style)).map_err(failed)
     }
 
+    /// A line through points in pixels.
+    pub(super) fn stroke(&self, points: &[(f64, f64)], colour: impl Into<RGBAColor>, width: f64) -> Result<()> {
+        let points = points.iter().map(|&(x, y)| at(x, y)).collect();
+        self.path(points, stroke(colour, width))
+    }
+
+    /// A round spot.
+    pub(super) fn spot(&self, x: f64, y: f64, radius: f64, colour: RGBColor) -> Result<()> {
+        self.area
+            .draw(&Circle::new(at(x, y), units(radius), colour.filled()))
+            .map_err(failed)
+    }
+
     /// A line of dashes through points in pixels.
     fn dashed(&self, points: &[(f64, f64)], style: ShapeStyle) -> Result<()> {
         const DASH: f64 = 7.0;

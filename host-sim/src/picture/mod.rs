@@ -5,6 +5,7 @@
 
 mod canvas;
 pub mod chart;
+pub mod estimates;
 mod frame;
 pub mod track;
 
