@@ -21,8 +21,9 @@ without an alarm. unexplained: identifications that say so. solves: median / wor
 /// What is printed under the table of [`fused`].
 const FUSED_LEGEND: &str = "\
 RMSE, bound: of the damage from thirty passages, points: root mean square over elements (and seeds) / median / worst element; the
-bound is that of all thirty together. ratio: RMSE to bound over all elements / of the worst. 95 %: damages within 1.96 standard
-deviations. wrong: passages whose answer explains them worse than the truth by 5 standard deviations.
+bound is that of all thirty together. ratio: RMSE to bound over all elements / of the worst. 95 %: intervals that hold the true damage.
+wrong: passages whose answer explains them worse than the truth by 5 standard deviations. left out: passages that the evidence
+has refused because they contradict the others.
 ";
 
 fn points(spread: Spread) -> String {
