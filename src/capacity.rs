@@ -30,9 +30,9 @@ pub const CONTACTS: usize = 4;
 pub const CAR_SPRINGS: usize = 10;
 /// Samples, counted over all channels, that a passage can hold: 92 s of one channel at 200 Hz, 30 s of three.
 pub const PASSAGE_SAMPLES: usize = 18_432;
-/// Samples from before a passage, counted over all channels: 1.7 s of three at 200 Hz.
-pub const LEAD_VALUES: usize = 1024;
+/// Samples from before a passage, counted over all channels: 1.6 s of three at 200 Hz.
+pub const LEAD_VALUES: usize = 960;
 /// Bytes of an encoded bridge model.
-pub const MODEL_BLOB_BYTES: usize = 5 * 1024;
+pub const MODEL_BLOB_BYTES: usize = 4608;
 /// Bytes of one message's payload in a frame.
 pub const PAYLOAD_BYTES: usize = 560;

@@ -36,7 +36,7 @@ use crate::wire::message::{
 /// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
 const BAD_SAMPLES: f32 = 0.05;
 /// Events that wait for [`Logger::next_event`]: all that one block of samples or one slice of work can cause.
-const EVENTS: usize = 8;
+const EVENTS: usize = 6;
 /// Fastest sampling that makes sense, Hz.
 const HIGHEST_RATE_HZ: f32 = 100_000.0;
 /// Fewest samples in the trigger's window: with less one sample could be all of its level.

@@ -6,6 +6,7 @@ use spanwatch::capacity::{ELEMENTS, MODES, UNKNOWNS};
 use spanwatch::interaction::sensitivity::{ENTRY, LOAD, SPEED, STIFFNESS};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Direction, Hypothesis, Observation, Run, Scheme, Sensitivities, Simulation};
+use spanwatch::slot::Slot;
 use spanwatch::train::PlanarTrain;
 use spanwatch::wire::message::{Quantity, TrainKind};
 
@@ -74,12 +75,14 @@ impl Passage {
     /// Signal and derivatives as the logger has them.
     fn derivatives(&self) -> (Vec<f64>, Vec<Vec<f64>>) {
         let mut sensitivities = Sensitivities::<f64, MODES>::NONE;
-        let mut simulation = sensitivities
-            .begin(&self.bridge, &self.truth, &self.observed, &[true; UNKNOWNS])
+        let mut place = Slot::Empty;
+        sensitivities
+            .begin(&self.bridge, &self.truth, &self.observed, &[true; UNKNOWNS], &mut place)
             .expect("can be solved");
+        let simulation = place.as_mut().expect("a simulation");
         let (mut signal, mut columns) = (vec![], vec![vec![]; UNKNOWNS]);
         for _ in 0..self.samples {
-            let (sample, rows) = sensitivities.sample(&mut simulation, &self.observed);
+            let (sample, rows) = sensitivities.sample(simulation, &self.observed);
             for (value, row) in sample.into_iter().zip(rows) {
                 signal.push(value);
                 for (column, derivative) in columns.iter_mut().zip(row) {

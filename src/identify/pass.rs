@@ -191,10 +191,9 @@ impl Pass {
         free: &[bool; UNKNOWNS],
     ) -> Result<(), SetupError> {
         let hypothesis = hypothesis(theta, problem.observation);
-        let simulation = self
-            .sensitivities
-            .begin(problem.bridge, &hypothesis, problem.observation, free)?;
-        self.simulation = Slot::Full(simulation);
+        let (bridge, observation) = (problem.bridge, problem.observation);
+        self.sensitivities
+            .begin(bridge, &hypothesis, observation, free, &mut self.simulation)?;
         self.row = 0;
         let normal = Normal {
             theta: *theta,
@@ -225,11 +224,9 @@ impl Pass {
         Ok(())
     }
 
-    // Not inlined: the eigenproblem must not stand on the stack under the steps.
-    #[inline(never)]
     fn simulate(&mut self, problem: &Problem<'_>, theta: &Theta) -> Result<(), SetupError> {
-        let simulation = problem.simulate(&hypothesis(theta, problem.observation))?;
-        self.simulation = Slot::Full(simulation);
+        let hypothesis = hypothesis(theta, problem.observation);
+        Simulation::begin(problem.bridge, &hypothesis, problem.observation, &mut self.simulation)?;
         self.row = 0;
         Ok(())
     }

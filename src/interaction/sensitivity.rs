@@ -35,6 +35,7 @@ use crate::capacity::{
 };
 use crate::math::{Real, add_scaled, dot, entries};
 use crate::recorder::AntiAliasState;
+use crate::slot::Slot;
 use crate::train::Contact;
 use crate::wire::message::Quantity;
 
@@ -294,7 +295,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
     };
 
     // Not inlined: the eigenproblem must leave the stack.
-    /// Begins with a hypothesis, whose simulation it gives; to be differentiated by the unknowns that are `free`.
+    /// Begins with a hypothesis, to be differentiated by the unknowns that are `free`; puts its simulation into `simulation`.
     #[inline(never)]
     pub fn begin(
         &mut self,
@@ -302,7 +303,8 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
         free: &[bool; UNKNOWNS],
-    ) -> Result<Simulation<T, M>, SetupError> {
+        simulation: &mut Slot<Simulation<T, M>>,
+    ) -> Result<(), SetupError> {
         let modes = Eigenmodes::new(bridge, &hypothesis.damage);
         modes.shares(bridge, &mut self.shares);
         modes.remainders(bridge, M, &observed.places(), &mut self.remainders);
@@ -317,7 +319,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         self.p2 = bridge.rayleigh[1];
         self.free = *free;
         self.tangents.fill(Tangent::AT_REST);
-        Simulation::of(&modes, bridge, hypothesis, observed)
+        Simulation::begin_with(&modes, bridge, hypothesis, observed, simulation)
     }
 
     /// Number of unknowns that are differentiated by.

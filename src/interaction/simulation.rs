@@ -7,6 +7,7 @@ use crate::bridge::{Damage, Eigenmodes, ModalBridge, ReducedBridge};
 use crate::capacity::{CAR_DOFS, CAR_KINDS, CHANNELS, CONTACTS, ELEMENTS};
 use crate::math::Real;
 use crate::recorder::{AntiAlias, AntiAliasState};
+use crate::slot::Slot;
 use crate::train::PlanarTrain;
 use crate::train::track::Smooth;
 use crate::wire::message::{Quantity, Ranges};
@@ -123,21 +124,32 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
     ) -> Result<Self, SetupError> {
-        Self::of(
-            &Eigenmodes::new(bridge, &hypothesis.damage),
-            bridge,
-            hypothesis,
-            observed,
-        )
+        let mut place = Slot::Empty;
+        Self::begin(bridge, hypothesis, observed, &mut place)?;
+        place.take().ok_or(SetupError::NotFinite)
     }
 
+    /// The same, put into its place.
+    pub fn begin(
+        bridge: &ReducedBridge<T>,
+        hypothesis: &Hypothesis<T>,
+        observed: &Observation<T>,
+        place: &mut Slot<Self>,
+    ) -> Result<(), SetupError> {
+        let modes = Eigenmodes::new(bridge, &hypothesis.damage);
+        Self::begin_with(&modes, bridge, hypothesis, observed, place)
+    }
+
+    // Not inlined: what it is made of must leave the stack.
     /// The same, with the modes of the hypothesis's damage.
-    pub(super) fn of(
+    #[inline(never)]
+    pub(super) fn begin_with(
         modes: &Eigenmodes<T>,
         bridge: &ReducedBridge<T>,
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
-    ) -> Result<Self, SetupError> {
+        place: &mut Slot<Self>,
+    ) -> Result<(), SetupError> {
         let sensors = &observed.recorder.sensors;
         if sensors.iter().any(|sensor| sensor.place >= bridge.sensor_count) {
             return Err(SetupError::NoSuchSensor);
@@ -146,11 +158,12 @@ impl<T: Real, const M: usize> Simulation<T, M> {
             return Err(SetupError::NotFinite);
         }
         let modal = ModalBridge::of(modes, bridge, hypothesis.stiffness, &observed.places());
-        Ok(Self {
+        *place = Slot::Full(Self {
             interaction: PlanarInteraction::new(modal, Smooth, &observed.cars, hypothesis.run)?,
             states: [AntiAliasState::AT_REST; CHANNELS],
             started: false,
-        })
+        });
+        Ok(())
     }
 
     /// The next sample of all channels, m/s² (m); the first is that of time 0.
