@@ -10,7 +10,10 @@ use host_sim::replay;
 use host_sim::simulate::{Scenario, simulate};
 use host_sim::train::TrainName;
 use rayon::prelude::*;
+use spanwatch::bridge::blob;
+use spanwatch::capacity::MODEL_BLOB_BYTES;
 use spanwatch::guess::{FirstGuess, Progress, Unknown};
+use spanwatch::identify::{Pass, Problem};
 use spanwatch::logger::Logger;
 use spanwatch::passage::{Kept, Stream};
 use spanwatch::wire::message::{Channel, Configuration, Event, Quantity, Reason, Traffic, TrainKind, Trigger, Verdict};
@@ -164,18 +167,22 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
         speed: true,
         entry: true,
     };
-    let mut guess = FirstGuess::new(observation, samples, found.strong(), unknown);
-    let mut attempts = 0;
-    loop {
-        match guess
-            .advance(&observed.bridge, observation, samples)
-            .expect("simulates")
-        {
-            Progress::More => attempts += 1,
-            Progress::Found => break,
+    let mut first_guess = FirstGuess::new(observation, samples, found.strong(), unknown);
+    let mut pass = Box::new(Pass::new());
+    let guess = loop {
+        let problem = Problem {
+            bridge: &observed.bridge,
+            observation,
+            samples,
+        };
+        match first_guess.advance(&problem, &mut pass).expect("simulates") {
+            Progress::More => {}
+            Progress::Found(guess) => break guess,
             Progress::NotThisTrain => panic!("{cars} cars at {speed_kmh} km/h: not this train"),
         }
-    }
+    };
+    let solve = samples.len() / world.nodes.len() * observation.recorder.steps_per_sample as usize;
+    guess.tell(observation);
     let entry_s = LEAD_S - found.first_sample as f64 / 200.0;
     let way_m = f64::from(observed.bridge.path.length_m() + observation.cars.train().length_m());
     Outcome {
@@ -186,7 +193,7 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
         entry_range_s: observation.ranges.entry_s.into(),
         plain_speed: way_m / (found.strong().len() as f64 / 200.0) / (speed_kmh / 3.6),
         rise_s: found.strong().start as f64 / 200.0 - entry_s,
-        attempts,
+        attempts: (first_guess.solver_steps() / solve as u64) as u32,
     }
 }
 
@@ -254,11 +261,14 @@ fn a_logger_without_an_entry_time_identifies_every_passage_and_with_one_only_tha
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/case1-60kmh.csv");
     let prepared = replay::prepare(&path, None, 1).expect("a shipped recording");
     let counts = prepared.recording.to_counts();
+    let mut buffer = [0; MODEL_BLOB_BYTES];
+    let bridge = prepared.bridge.as_ref().expect("a bridge").cast();
+    let model: &[u8] = blob::write(&bridge, &mut buffer).expect("fits");
     let verdicts = |rows: usize, change: fn(&mut Traffic)| -> Vec<Verdict> {
         let mut configuration = prepared.configuration.clone();
         change(configuration.traffic.as_mut().expect("a train"));
         let mut logger = Box::new(Logger::new());
-        logger.load(prepared.bridge.as_ref().expect("a bridge").cast());
+        logger.load(model).expect("a model");
         logger.configure(configuration).expect("sound");
         for first_sample in [0, 100_000] {
             logger.push(first_sample, &counts[..rows]).expect("whole rows");

@@ -7,13 +7,15 @@
 //! | comparison | residuals, and products with the recording shifted in time | 1 |
 //! | linearisation | the normal equations | 1 + [`TANGENT`] for each free unknown |
 //! | correlation | products of the residuals with earlier ones | 1 |
+//! | growth | the energy by time, for the [first guess](crate::guess) | 1 |
 
 use nalgebra::SMatrix;
 
+use super::growth::{self, Bins, Growth};
 use super::objective::{Problem, Squares, residual};
 use super::unknowns::{Theta, derivatives, hypothesis};
 use crate::capacity::{CHANNELS, MODES, UNKNOWNS};
-use crate::interaction::{Sensitivities, SetupError, Simulation};
+use crate::interaction::{Hypothesis, Sensitivities, SetupError, Simulation};
 use crate::slot::Slot;
 
 /// Forward solves, in tenths, that following one derivative through a passage costs (docs/benchmarks.md).
@@ -45,6 +47,7 @@ enum Sums {
     Comparison(Comparison),
     Linearisation(Normal, [f32; CHANNELS]),
     Correlation(Correlation),
+    Growth(Bins),
 }
 
 /// What a pass has found.
@@ -58,6 +61,8 @@ pub enum Found<'a> {
     Normal(&'a Normal),
     /// How many residuals say as much as one independent one.
     CorrelationTime(f32),
+    /// When the simulation's energy had grown to each part of its whole.
+    Growth(Growth),
 }
 
 /// Recorded and simulated motion side by side.
@@ -136,6 +141,9 @@ struct Correlation {
     count: f32,
 }
 
+// The first guess asks for no memory of its own.
+const _: () = assert!(size_of::<Bins>() <= size_of::<Correlation>());
+
 impl Default for Pass {
     fn default() -> Self {
         Self::new()
@@ -167,7 +175,7 @@ impl Pass {
         weights: [f32; CHANNELS],
         shifts: Shifts,
     ) -> Result<(), SetupError> {
-        self.simulate(problem, theta)?;
+        self.simulate(problem, &hypothesis(theta, problem.observation))?;
         self.sums = Sums::Comparison(Comparison {
             residuals: Squares::NONE,
             weights,
@@ -214,7 +222,7 @@ impl Pass {
         theta: &Theta,
         weights: [f32; CHANNELS],
     ) -> Result<(), SetupError> {
-        self.simulate(problem, theta)?;
+        self.simulate(problem, &hypothesis(theta, problem.observation))?;
         self.sums = Sums::Correlation(Correlation {
             weights: weights.map(crate::math::sqrt),
             latest: [[0.0; LAGS]; CHANNELS],
@@ -225,10 +233,18 @@ impl Pass {
         Ok(())
     }
 
+    /// Begins to follow the growth of the energy that `hypothesis` says. It is not given as a `theta`, because a speed that nobody
+    /// expects is not a part of an expected one.
+    pub fn grow(&mut self, problem: &Problem<'_>, hypothesis: &Hypothesis<f32>) -> Result<(), SetupError> {
+        self.simulate(problem, hypothesis)?;
+        self.sums = Sums::Growth(Bins::new(problem.recorded().len()));
+        Ok(())
+    }
+
     // Not inlined: the eigenproblem must not stand on the stack under the steps.
     #[inline(never)]
-    fn simulate(&mut self, problem: &Problem<'_>, theta: &Theta) -> Result<(), SetupError> {
-        let simulation = problem.simulate(&hypothesis(theta, problem.observation))?;
+    fn simulate(&mut self, problem: &Problem<'_>, hypothesis: &Hypothesis<f32>) -> Result<(), SetupError> {
+        let simulation = problem.simulate(hypothesis)?;
         self.simulation = Slot::Full(simulation);
         self.row = 0;
         Ok(())
@@ -263,6 +279,10 @@ impl Pass {
                 Sums::Correlation(correlation) => {
                     correlation.add(&residual(recorded, &simulation.sample(observation)));
                 }
+                Sums::Growth(bins) => {
+                    let simulated: [f32; CHANNELS] = simulation.sample(observation);
+                    bins.push(self.row, growth::energy(observation, recorded, &simulated));
+                }
             }
             self.row += 1;
             self.tenths += u64::from(cost * steps_per_sample);
@@ -277,6 +297,7 @@ impl Pass {
             Sums::Comparison(comparison) => Found::Comparison(comparison),
             Sums::Linearisation(normal, _) => Found::Normal(normal),
             Sums::Correlation(correlation) => Found::CorrelationTime(correlation.time()),
+            Sums::Growth(bins) => Found::Growth(bins.growth()),
         }
     }
 }
