@@ -51,8 +51,14 @@ pub const HIDDEN: f32 = 0.5;
 const MOST_SPEEDS: u32 = 80;
 /// Speeds are so close that at neither end of a passage the next one is off by more than this part of the first mode's period.
 const OUT_OF_STEP: f32 = 0.125;
-/// Samples to either side within which the genetic search finds the entry of each pattern anew.
-const NUDGE: usize = 4;
+/// Stiffnesses of the whole bridge that stand for damage while the train is aligned, as parts of the model's, less one: two elements
+/// that have lost 40 % lower the first frequency by a tenth. Under the healthy bridge alone the best entry is a period off then.
+const SOFTER: [f32; 3] = [0.0, -0.1, -0.2];
+/// Solver steps that alignment may take for more than the first of them: a quarter of all. A long and slow train, with its many
+/// speeds, needs them least, since its own rhythm tells its entry.
+const SOFTER_STEPS: u64 = MOST_STEPS / 4;
+/// Deviation of that stiffness while the train is settled.
+const SOFTER_DEVIATION: f32 = 0.2;
 /// A load is looked for within so many of its ranges.
 const LOAD_RANGES: f32 = 2.0;
 
@@ -146,6 +152,8 @@ pub struct Hybrid {
     power: Squares,
     /// Of alignment: the speed that is being tried, and how many there are to either side.
     speed: [u32; 2],
+    /// The stiffness, and how many there are of them.
+    softer: [usize; 2],
     /// The best of the stage so far, and its weighted sum of squares.
     best: (Theta, f32),
     /// What was found before the search for damage.
@@ -167,6 +175,7 @@ impl Hybrid {
             descent: None,
             power: Squares::NONE,
             speed: [0; 2],
+            softer: [0, 1],
             best: (Theta::zeros(), f32::INFINITY),
             settled: Theta::zeros(),
             answer: None,
@@ -213,6 +222,8 @@ impl Hybrid {
             let spacing = 2.0 * OUT_OF_STEP * problem.observation.run.speed_mps / (first_hz * way_m);
             let speeds = (ranges.speed / spacing + 0.999) as u32;
             self.speed = [0, speeds.min(MOST_SPEEDS)];
+            let solves = u64::from(2 * self.speed[1] + 1) * solve(problem);
+            self.softer = [0, ((SOFTER_STEPS / solves) as usize).clamp(1, SOFTER.len())];
             Stage::Align
         } else if free[STIFFNESS] {
             self.settle(problem);
@@ -238,7 +249,7 @@ impl Hybrid {
             Stage::Begin => Ok(()),
             Stage::Align => pass.compare(problem, &self.tried_speed(problem), weights, self.shifts(problem)),
             Stage::Search => match self.pattern(problem) {
-                Some(theta) => pass.compare(problem, &theta, weights, self.nudges(problem)),
+                Some(theta) => pass.compare(problem, &theta, weights, self.shifts(problem)),
                 None => {
                     let left = self.best.1 / self.power.values();
                     let weights = weights.map(|weight| weight / left.max(EXPLAINED));
@@ -285,13 +296,14 @@ impl Hybrid {
 
     // ---- align ------------------------------------------------------------------------------------------------------
 
-    /// The healthy bridge under the train at the speed that is to be tried.
+    /// The bridge, as stiff and under a train as fast as is to be tried.
     fn tried_speed(&self, problem: &Problem<'_>) -> Theta {
         let [index, half] = self.speed;
         let mut theta = Theta::zeros();
         if half > 0 {
             theta[SPEED] = problem.observation.ranges.speed * (index as f32 - half as f32) / half as f32;
         }
+        theta[STIFFNESS] = SOFTER.get(self.softer[0]).copied().unwrap_or(0.0);
         theta
     }
 
@@ -308,7 +320,11 @@ impl Hybrid {
     fn hear_speed(&mut self, problem: &Problem<'_>, comparison: &Comparison) {
         let tried = self.tried_speed(problem);
         self.keep(problem, tried, comparison);
-        self.speed[0] += 1;
+        self.softer[0] += 1;
+        if self.softer[0] >= self.softer[1] {
+            self.softer[0] = 0;
+            self.speed[0] += 1;
+        }
         if self.speed[0] > 2 * self.speed[1] {
             self.settle(problem);
         }
@@ -339,7 +355,9 @@ impl Hybrid {
     // ---- settle -----------------------------------------------------------------------------------------------------
 
     fn settle(&mut self, problem: &Problem<'_>) {
-        let limits = self.limits(problem).without_damage();
+        let mut limits = self.limits(problem).without_damage();
+        limits.lower[STIFFNESS] = -3.0 * SOFTER_DEVIATION;
+        limits.prior[STIFFNESS] = 1.0 / (SOFTER_DEVIATION * SOFTER_DEVIATION);
         let left = (self.best.1 / self.power.values()).min(1.0);
         let weights = self.weights().map(|weight| weight / left.max(EXPLAINED));
         self.descent = Some(Refinement::new(&self.best.0, limits, self.power, weights));
@@ -354,20 +372,9 @@ impl Hybrid {
         Some(with_losses(self.settled, &code.damage()))
     }
 
-    fn nudges(&self, problem: &Problem<'_>) -> Shifts {
-        Shifts {
-            half: if problem.observation.ranges.entry_s > 0.0 {
-                NUDGE
-            } else {
-                0
-            },
-            stride: 1,
-        }
-    }
-
     fn hear_pattern(&mut self, problem: &Problem<'_>, comparison: &Comparison) {
         let Some(theta) = self.pattern(problem) else { return };
-        if self.search.generations() == 1 && self.objective_healthy == 0.0 {
+        if self.objective_healthy == 0.0 {
             // The search asks for the undamaged bridge first.
             self.objective_healthy = comparison.residuals.mean();
         }
@@ -384,7 +391,6 @@ impl Hybrid {
                 self.settled = *descent.best();
                 // A loss of stiffness must not hide in the whole bridge's before it has been looked for.
                 self.settled[STIFFNESS] = 0.0;
-                self.objective_healthy = descent.residuals().mean();
                 self.best = (self.settled, f32::INFINITY);
                 self.stage = Stage::Search;
                 None
@@ -509,13 +515,16 @@ impl Hybrid {
 
     /// The answer, with what it has cost.
     fn counted(&self, problem: &Problem<'_>, rival: Option<Rival>) -> Option<Identification> {
-        let samples = problem.recorded().len() as u64;
-        let solve = (10 * samples * u64::from(problem.observation.recorder.steps_per_sample)).max(1);
         self.answer.as_ref().map(|answer| Identification {
             rival,
-            forward_solves: u32::try_from(self.tenths.div_ceil(solve)).unwrap_or(u32::MAX),
+            forward_solves: u32::try_from(self.tenths.div_ceil(10 * solve(problem))).unwrap_or(u32::MAX),
             generations: self.search.generations(),
             ..answer.identification
         })
     }
+}
+
+/// Solver steps of a forward solve; at least 1.
+fn solve(problem: &Problem<'_>) -> u64 {
+    (problem.recorded().len() as u64 * u64::from(problem.observation.recorder.steps_per_sample)).max(1)
 }
