@@ -21,11 +21,6 @@ use spanwatch::wire::message::{Channel, Configuration, Event, Quantity, Reason, 
 const LSB_MPS2: f32 = 2.338e-6;
 const LEAD_S: f64 = 3.0;
 
-/// Every seventh of the 496 passages is tried here, seven being no divisor of any list's length. Of all of them 3 lie outside.
-const EVERY: usize = 7;
-/// How many may lie outside: a bridge that element 5 has softened resonates at another speed than its model.
-const OUTSIDE: usize = 1;
-
 /// What is hidden from the guess besides the run: sensors' nodes, noise, damage, stiffness, load.
 struct World {
     nodes: &'static [u16],
@@ -89,10 +84,10 @@ struct Outcome {
 }
 
 impl Outcome {
-    /// Whether the truth lies within the range.
-    fn inside(&self) -> bool {
-        let truth = (1.0 + self.speed).recip() - 1.0;
-        truth.abs() <= self.speed_range && self.entry_s.abs() <= self.entry_range_s
+    /// How far off the guess is, as a part of the range: 1 at its border.
+    fn off(&self) -> f64 {
+        let speed = ((1.0 + self.speed).recip() - 1.0).abs() / self.speed_range;
+        speed.max(self.entry_s.abs() / self.entry_range_s)
     }
 }
 
@@ -205,9 +200,11 @@ fn spread(values: impl Iterator<Item = f64>) -> [f64; 5] {
     [0.0, 0.05, 0.5, 0.95, 1.0].map(|part| (1e3 * values[(part * last as f64).round() as usize]).round() / 1e3)
 }
 
-#[test]
-fn the_truth_lies_within_the_range_of_the_guess() {
-    let bridge = Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands");
+/// One passage to be tried.
+type Case = (TrainKind, usize, f64, &'static World);
+
+/// All passages that the promise speaks of.
+fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for train in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
         for cars in [1, 2, 4, 8, 16] {
@@ -221,10 +218,28 @@ fn the_truth_lies_within_the_range_of_the_guess() {
             }
         }
     }
-    let cases: Vec<_> = cases.into_iter().step_by(EVERY).collect();
-    let outcomes: Vec<_> = (cases.par_iter().enumerate())
-        .map(|(seed, &(train, cars, speed_kmh, world))| outcome(&bridge, train, cars, speed_kmh, world, seed as u64))
-        .collect();
+    cases
+}
+
+/// The guesses of some of the passages.
+fn outcomes(numbers: &[usize]) -> Vec<Outcome> {
+    let bridge = Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands");
+    let cases = cases();
+    (numbers.par_iter())
+        .map(|&number| {
+            let (train, cars, speed_kmh, world) = cases[number];
+            outcome(&bridge, train, cars, speed_kmh, world, number as u64)
+        })
+        .collect()
+}
+
+#[test]
+#[ignore = "all 496 passages take minutes"]
+fn of_all_passages_three_lie_outside_the_range_of_the_guess() {
+    const OUTSIDE: usize = 3;
+    let cases = cases();
+    let numbers: Vec<usize> = (0..cases.len()).collect();
+    let outcomes = outcomes(&numbers);
     for cars in [1, 2, 4, 8, 16] {
         let of = || outcomes.iter().filter(|outcome| outcome.cars == cars);
         println!(
@@ -243,17 +258,22 @@ fn the_truth_lies_within_the_range_of_the_guess() {
         );
         println!("    forward solves {:?}", spread(of().map(|o| f64::from(o.attempts))));
     }
-    let outside: Vec<_> = (cases.iter().zip(&outcomes))
-        .filter(|(_, outcome)| !outcome.inside())
-        .collect();
-    for ((train, cars, speed_kmh, world), outcome) in &outside {
+    let mut worst: Vec<usize> = numbers;
+    worst.sort_by(|&a, &b| outcomes[b].off().total_cmp(&outcomes[a].off()));
+    for &number in &worst[..24] {
+        let (train, cars, speed_kmh, world) = cases[number];
         println!(
-            "outside: {train:?}, {cars}, {speed_kmh} km/h, nodes {:?}, damage {:?} {}: {outcome:?}",
-            world.nodes, world.damage, world.stiffness_factor
+            "{number}: {:.2} of the range, {train:?}, {cars}, {speed_kmh} km/h, nodes {:?}, damage {:?} {}: {:?}",
+            outcomes[number].off(),
+            world.nodes,
+            world.damage,
+            world.stiffness_factor,
+            outcomes[number]
         );
     }
-    println!("{} of {} outside", outside.len(), outcomes.len());
-    assert!(outcomes.len() > 60 && outside.len() <= OUTSIDE);
+    let outside = outcomes.iter().filter(|outcome| outcome.off() > 1.0).count();
+    println!("{outside} of {} outside", outcomes.len());
+    assert!(outcomes.len() == 496 && outside <= OUTSIDE);
 }
 
 #[test]

@@ -2,14 +2,19 @@
 //!
 //! | stage | does | passes |
 //! |---|---|---|
-//! | align | tries speeds over their range, and with each all entries and loads | comparisons |
-//! | settle | descends with the healthy bridge to the best speed, entry, load and stiffness | linearisations |
-//! | search | the small genetic search finds the basin of the damage | comparisons |
+//! | align | tries speeds over their range, bridge as stiff as its model or softer, and with each all entries and loads | comparisons |
+//! | settle | descends with all elements whole to the best speed, entry, load and stiffness | linearisations |
+//! | search | the small genetic search finds the basin of the damage, with the best entry and load of each pattern | comparisons |
 //! | descend | Gauss-Newton within bounds finds its bottom, all unknowns free | linearisations |
 //! | correlate | asks how independent the residuals are | a correlation |
 //! | doubt | descends from the mirror image, the most certain element held whole: what else could it be? | linearisations |
 //!
-//! The first two are passed over if all of speed, entry, load and stiffness are known. [`Hybrid::advance`] does one bounded slice, a
+//! The first two are passed over if all of speed, entry, load and stiffness are known. In them the stiffness of the whole bridge stands
+//! for any damage, whether it is known or not: a softer bridge's free vibration falls behind, and under one that is too stiff the
+//! best entry is the true one give or take whole periods of the first mode. Of 300 passages with nothing told but train and cars
+//! (both trains, 1 to 16 cars, 60 to 300 km/h, no damage or up to two of 10 to 40 %, 2 to 5 % noise, one and three sensors) 22 ended elsewhere
+//! without that, 14 of them explained; with it 4, where the first guess of the speed was off by more than its range, and they are
+//! all called unexplained.  [`Hybrid::advance`] does one bounded slice, a
 //! few milliseconds of the logger. Deterministic for a seed.
 
 use rand_core::SeedableRng;
@@ -80,7 +85,7 @@ pub struct Identification {
     pub std: [f32; 4],
     /// Misfit, (m/s²)² (m² for displacements).
     pub objective: f32,
-    /// Misfit of the undamaged bridge under the train that fits it best.
+    /// Misfit of the undamaged bridge under the train as it was settled before damage was looked for.
     pub objective_healthy: f32,
     /// Part of the recording's power that is not explained, on average over the channels.
     pub unexplained: f32,
@@ -248,7 +253,10 @@ impl Hybrid {
         match self.stage {
             Stage::Begin => Ok(()),
             Stage::Align => pass.compare(problem, &self.tried_speed(problem), weights, self.shifts(problem)),
-            Stage::Search => match self.pattern(problem) {
+            Stage::Search => match self
+                .pattern(problem)
+                .filter(|_| !self.spent() || self.best.1.is_infinite())
+            {
                 Some(theta) => pass.compare(problem, &theta, weights, self.shifts(problem)),
                 None => {
                     let left = self.best.1 / self.power.values();
