@@ -1,6 +1,6 @@
 //! Promises of the first guess: where nobody gives speed and entry time, the true ones lie within the range that comes with the
 //! guess, for both trains, 1 to 16 cars, 60 to 300 km/h, sensors anywhere, 2 to 10 % noise, a damaged or softer bridge, another
-//! load. A logger that is told no entry time takes every passage for its train's.
+//! load. With that guess the search finds the run and the damage, or says that it does not explain the passage. A logger that is told no entry time takes every passage for its train's.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use spanwatch::bridge::blob;
 use spanwatch::capacity::MODEL_BLOB_BYTES;
 use spanwatch::guess::{FirstGuess, Progress, Unknown};
-use spanwatch::identify::{Pass, Problem};
+use spanwatch::identify::{Identification, Pass, Problem};
 use spanwatch::logger::Logger;
 use spanwatch::passage::{Kept, Stream};
 use spanwatch::wire::message::{Channel, Configuration, Event, Quantity, Reason, Traffic, TrainKind, Trigger, Verdict};
@@ -81,6 +81,8 @@ struct Outcome {
     plain_speed: f64,
     rise_s: f64,
     attempts: u32,
+    /// Solver steps.
+    steps: u64,
 }
 
 impl Outcome {
@@ -189,6 +191,7 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
         plain_speed: way_m / (found.strong().len() as f64 / 200.0) / (speed_kmh / 3.6),
         rise_s: found.strong().start as f64 / 200.0 - entry_s,
         attempts: (first_guess.solver_steps() / solve as u64) as u32,
+        steps: first_guess.solver_steps(),
     }
 }
 
@@ -234,6 +237,28 @@ fn outcomes(numbers: &[usize]) -> Vec<Outcome> {
 }
 
 #[test]
+fn the_truth_lies_within_the_range_of_the_guess() {
+    // Of all passages those whose guess is farthest off, as a part of its range. The first three lie outside: element 5 has softened a
+    // bridge that resonates at another speed than its model then.
+    const HARDEST: [usize; 7] = [76, 324, 289, 36, 284, 48, 212];
+    const OUTSIDE: usize = 3;
+    // And some as they come; 83 is no divisor of any list's length.
+    const EVERY: usize = 83;
+    let others = (0..cases().len()).step_by(EVERY);
+    let numbers: Vec<usize> = HARDEST.into_iter().chain(others).collect();
+    let outcomes = outcomes(&numbers);
+    let outside: Vec<usize> = (numbers.iter().zip(&outcomes))
+        .filter(|(_, outcome)| outcome.off() > 1.0)
+        .map(|(&number, _)| number)
+        .collect();
+    println!("{outside:?} of {numbers:?}");
+    assert!(
+        outside.iter().all(|number| HARDEST[..OUTSIDE].contains(number)),
+        "{outside:?}"
+    );
+}
+
+#[test]
 #[ignore = "all 496 passages take minutes"]
 fn of_all_passages_three_lie_outside_the_range_of_the_guess() {
     const OUTSIDE: usize = 3;
@@ -257,6 +282,7 @@ fn of_all_passages_three_lie_outside_the_range_of_the_guess() {
             spread(of().map(|o| o.rise_s))
         );
         println!("    forward solves {:?}", spread(of().map(|o| f64::from(o.attempts))));
+        println!("    million steps {:?}", spread(of().map(|o| o.steps as f64 / 1e6)));
     }
     let mut worst: Vec<usize> = numbers;
     worst.sort_by(|&a, &b| outcomes[b].off().total_cmp(&outcomes[a].off()));
@@ -274,6 +300,103 @@ fn of_all_passages_three_lie_outside_the_range_of_the_guess() {
     let outside = outcomes.iter().filter(|outcome| outcome.off() > 1.0).count();
     println!("{outside} of {} outside", outcomes.len());
     assert!(outcomes.len() == 496 && outside <= OUTSIDE);
+}
+
+/// A passage of which the recording tells nothing but train and cars, and what the search finds in it.
+fn identified(bridge: &Structure, scenario: &Scenario) -> (Observed, Identification) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("passage.csv");
+    let passage = simulate(bridge, scenario).expect("simulates");
+    let mut csv = String::from("time_s");
+    let mut toml = format!(
+        "bridge = \"girder50\"\ntrain = \"{}\"\ncars = {}\nantialias_hz = 40.0\n",
+        scenario.train.name(),
+        scenario.cars.unwrap_or(1)
+    );
+    for node in &scenario.nodes {
+        csv += &format!(",node{node}");
+        toml += &format!("[[channel]]\ncolumn = \"node{node}\"\nnode = {node}\nunit = \"m/s2\"\n");
+    }
+    for row in 0..passage.channels[0].len() {
+        csv += &format!("\n{:.3}", row as f64 * passage.interval_s);
+        for channel in &passage.channels {
+            csv += &format!(",{:.8e}", channel[row]);
+        }
+    }
+    std::fs::write(&path, csv + "\n").expect("written");
+    std::fs::write(path.with_extension("toml"), toml).expect("written");
+    let prepared = replay::prepare(&path, None, 1).expect("a recording");
+    let observed = Observed::recorded(&prepared).expect("a passage");
+    let found = observed.identify(1).expect("simulates");
+    (observed, found)
+}
+
+#[test]
+fn with_nothing_told_but_the_train_the_search_ends_at_the_truth_or_says_that_it_has_not() {
+    // Deviations by which speed, entry, load and damage may be off: one value in a million exceeds them by chance.
+    const OFF: f64 = 5.0;
+    let bridge = Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands");
+    let (car, shinkansen) = (TrainKind::Inspection2Dof, TrainKind::Shinkansen3d);
+    // Such as the first two ended a period of the first mode beside the true entry, or at another speed, as long as the bridge was
+    // taken for whole until the train was settled. In the last the first guess of the speed is off by more than its range.
+    let passages: [(TrainKind, usize, f64, &[u16], &[(usize, f64)], bool); 3] = [
+        (shinkansen, 2, 274.6, &[3, 6, 9], &[(6, 0.25)], true),
+        (car, 1, 229.5, &[6], &[(3, 0.35), (8, 0.26)], true),
+        (shinkansen, 4, 107.5, &[6], &[(3, 0.34)], false),
+    ];
+    passages
+        .par_iter()
+        .enumerate()
+        .for_each(|(i, &(train, cars, speed_kmh, nodes, damaged, right))| {
+            let mut damage = vec![0.0; 10];
+            for &(element, loss) in damaged {
+                damage[element - 1] = loss;
+            }
+            let scenario = Scenario {
+                train: TrainName::Known(train),
+                cars: Some(cars),
+                speed_kmh,
+                nodes: nodes.to_vec(),
+                noise: 0.035,
+                seed: i as u64,
+                damage,
+                load_factor: 0.9,
+                lead_s: LEAD_S + 0.003,
+                tail_s: 12.0,
+                ..Scenario::inspection_car()
+            }
+            .recorded();
+            let (observed, found) = identified(&bridge, &scenario);
+            let entry_s = scenario.lead_s - observed.first_sample as f64 / 200.0;
+            let run = found.run;
+            let mut off = vec![
+                (3.6 * f64::from(run.speed_mps) / speed_kmh - 1.0) / f64::from(found.std[1]),
+                (f64::from(run.entry_time_s) - entry_s) / f64::from(found.std[2]),
+                (f64::from(run.load_factor) / scenario.load_factor - 1.0) / f64::from(found.std[3]),
+            ];
+            let estimate = &found.estimate;
+            off.extend(
+                (estimate.damage.iter().zip(&scenario.damage).zip(&estimate.std))
+                    .map(|((&found, truth), &std)| (f64::from(found) - truth) / f64::from(std)),
+            );
+            println!(
+                "{train:?}, {cars} cars, {speed_kmh} km/h: off by {off:.1?} deviations, {} solves",
+                found.forward_solves
+            );
+            assert_eq!(
+                found.explained(),
+                right,
+                "{train:?}, {cars} cars, {speed_kmh} km/h: {found:?}"
+            );
+            if right {
+                assert!(
+                    off.iter().all(|off| off.abs() < OFF),
+                    "{train:?}, {cars} cars, {speed_kmh} km/h: {off:.1?}"
+                );
+            } else {
+                assert_eq!(found.certain(), 0, "what is not explained is not damage");
+            }
+        });
 }
 
 #[test]

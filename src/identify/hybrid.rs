@@ -9,13 +9,14 @@
 //! | correlate | asks how independent the residuals are | a correlation |
 //! | doubt | descends from the mirror image, the most certain element held whole: what else could it be? | linearisations |
 //!
-//! The first two are passed over if all of speed, entry, load and stiffness are known. In them the stiffness of the whole bridge stands
-//! for any damage, whether it is known or not: a softer bridge's free vibration falls behind, and under one that is too stiff the
-//! best entry is the true one give or take whole periods of the first mode. Of 300 passages with nothing told but train and cars
-//! (both trains, 1 to 16 cars, 60 to 300 km/h, no damage or up to two of 10 to 40 %, 2 to 5 % noise, one and three sensors) 22 ended elsewhere
-//! without that, 14 of them explained; with it 4, where the first guess of the speed was off by more than its range, and they are
-//! all called unexplained.  [`Hybrid::advance`] does one bounded slice, a
+//! The first two are passed over if all of speed, entry, load and stiffness are known. [`Hybrid::advance`] does one bounded slice, a
 //! few milliseconds of the logger. Deterministic for a seed.
+//!
+//! In the first two the stiffness of the whole bridge stands for any damage, whether it is known or not. A softer bridge's free vibration
+//! falls behind, and under one that is too stiff the entry that fits best is the true one give or take whole periods of the
+//! first mode. Of 300 passages with nothing told but train and cars (both trains, 1 to 16 cars, 60 to 300 km/h, no damage or up to
+//! two of 10 to 40 %, 2 to 5 % noise, one sensor and three) 22 ended elsewhere without that, and 14 of these passed for
+//! explained. With it 4 do, those in which the first guess of the speed was off by more than its range; all 4 are called unexplained.
 
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;

@@ -4,8 +4,8 @@
 //!
 //! | pass | sums | cost, forward solves |
 //! |---|---|---|
-//! | comparison | residuals, and products with the recording shifted in time | 1 |
-//! | linearisation | the normal equations | 1 + [`TANGENT`] for each free unknown |
+//! | comparison | residuals, and products with the recording shifted in time | 1, and [`SHIFTS_A_TENTH`] for each shift and channel |
+//! | linearisation | the normal equations | 1 + [`TANGENT_TENTHS`] for each free unknown |
 //! | correlation | products of the residuals with earlier ones | 1 |
 //! | growth | the energy by time, for the [first guess](crate::guess) | 1 |
 
@@ -20,6 +20,8 @@ use crate::slot::Slot;
 
 /// Forward solves, in tenths, that following one derivative through a passage costs (docs/benchmarks.md).
 pub const TANGENT_TENTHS: u32 = 4;
+/// Products with the recording that cost as much as a tenth of a solver step: ten instructions each, of 6,000.
+const SHIFTS_A_TENTH: u32 = 60;
 /// Shifts to either side that a comparison looks at, at most.
 pub const MOST_SHIFTS: usize = 128;
 /// Lags of the residuals' correlation that are looked at: a second at 200 Hz, in which the free vibration of a bridge loses a
@@ -257,8 +259,12 @@ impl Pass {
         };
         let observation = problem.observation;
         let steps_per_sample = observation.recorder.steps_per_sample.max(1);
-        let cost = match self.sums {
+        let cost = match &self.sums {
             Sums::Linearisation(..) => 10 + TANGENT_TENTHS * self.sensitivities.free(),
+            Sums::Comparison(comparison) if comparison.shifts.half > 0 => {
+                let products = (2 * comparison.shifts.half + 1) * problem.channels();
+                10 + (products as u32).div_ceil(SHIFTS_A_TENTH * steps_per_sample)
+            }
             _ => 10,
         };
         let rows = (10 * SLICE_STEPS / (cost * steps_per_sample)).max(1) as usize;
