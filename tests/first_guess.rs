@@ -302,6 +302,9 @@ fn of_all_passages_three_lie_outside_the_range_of_the_guess() {
     assert!(outcomes.len() == 496 && outside <= OUTSIDE);
 }
 
+/// Train, cars, speed in km/h, sensors' nodes, damage, and whether the search finds it.
+type Passage = (TrainKind, usize, f64, &'static [u16], &'static [(usize, f64)], bool);
+
 /// A passage of which the recording tells nothing but train and cars, and what the search finds in it.
 fn identified(bridge: &Structure, scenario: &Scenario) -> (Observed, Identification) {
     let folder = tempfile::tempdir().expect("a folder");
@@ -339,7 +342,7 @@ fn with_nothing_told_but_the_train_the_search_ends_at_the_truth_or_says_that_it_
     let (car, shinkansen) = (TrainKind::Inspection2Dof, TrainKind::Shinkansen3d);
     // Such as the first two ended a period of the first mode beside the true entry, or at another speed, as long as the bridge was
     // taken for whole until the train was settled. In the last the first guess of the speed is off by more than its range.
-    let passages: [(TrainKind, usize, f64, &[u16], &[(usize, f64)], bool); 3] = [
+    let passages: [Passage; 3] = [
         (shinkansen, 2, 274.6, &[3, 6, 9], &[(6, 0.25)], true),
         (car, 1, 229.5, &[6], &[(3, 0.35), (8, 0.26)], true),
         (shinkansen, 4, 107.5, &[6], &[(3, 0.34)], false),

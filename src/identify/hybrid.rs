@@ -229,7 +229,8 @@ impl Hybrid {
             let speeds = (ranges.speed / spacing + 0.999) as u32;
             self.speed = [0, speeds.min(MOST_SPEEDS)];
             let solves = u64::from(2 * self.speed[1] + 1) * solve(problem);
-            self.softer = [0, ((SOFTER_STEPS / solves) as usize).clamp(1, SOFTER.len())];
+            let stiffnesses = (10 * SOFTER_STEPS).checked_div(solves).unwrap_or(0) as usize;
+            self.softer = [0, stiffnesses.clamp(1, SOFTER.len())];
             Stage::Align
         } else if free[STIFFNESS] {
             self.settle(problem);
@@ -526,14 +527,15 @@ impl Hybrid {
     fn counted(&self, problem: &Problem<'_>, rival: Option<Rival>) -> Option<Identification> {
         self.answer.as_ref().map(|answer| Identification {
             rival,
-            forward_solves: u32::try_from(self.tenths.div_ceil(10 * solve(problem))).unwrap_or(u32::MAX),
+            forward_solves: u32::try_from(self.tenths.div_ceil(solve(problem))).unwrap_or(u32::MAX),
             generations: self.search.generations(),
             ..answer.identification
         })
     }
 }
 
-/// Solver steps of a forward solve; at least 1.
+/// Cost of a forward solve, tenths of a solver step; at least 1.
 fn solve(problem: &Problem<'_>) -> u64 {
-    (problem.recorded().len() as u64 * u64::from(problem.observation.recorder.steps_per_sample)).max(1)
+    let samples = problem.recorded().len() as u64;
+    (10 * samples * u64::from(problem.observation.recorder.steps_per_sample)).max(1)
 }
