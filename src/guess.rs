@@ -22,13 +22,19 @@
 //! eight and 5 % for sixteen, nine in ten entries within 0.2 s, 0.3 s for sixteen cars. What is left is not noise but damage: a bridge
 //! softer than its model resonates at other speeds. The rail was smooth in all of them.
 //!
-//! Cost: a forward solve for each call of [`FirstGuess::advance`], 30 to 140 in all if the speed is unknown, else one; 2 KiB of stack.
+//! The guess simulates nothing itself: it *asks* for a [`Pass`] and is *told* ([`growth`](crate::identify::growth)), so that it works in
+//! the same bounded slices as the search, a few milliseconds of the logger each, in the same memory.
+//!
+//! Cost: 30 to 140 forward solves in all if the speed is unknown, else one, a million solver steps at most; 112 bytes of state, 2 KiB of stack when it begins.
 
 use crate::bridge::{Damage, ReducedBridge};
-use crate::capacity::{CHANNELS, ELEMENTS, MODES};
-use crate::interaction::{Hypothesis, Observation, SetupError, Simulation};
+use crate::capacity::ELEMENTS;
+use crate::identify::growth::{Bins, Growth, PARTS, energy};
+use crate::identify::pass::Found;
+use crate::identify::{Pass, Problem};
+use crate::interaction::{Hypothesis, Observation, Run, SetupError};
 use crate::math;
-use crate::wire::message::{Quantity, Ranges, Traffic};
+use crate::wire::message::{Ranges, Traffic};
 
 /// Speeds between which a train's lies, m/s: 20 and 400 km/h.
 pub const LOWEST_SPEED_MPS: f32 = 20.0 / 3.6;
@@ -49,10 +55,6 @@ pub fn speed_range(crossing_s: f32) -> f32 {
     (0.16 + 0.25 / crossing_s).min(Ranges::WIDEST.speed)
 }
 
-/// Parts of the energy whose times are compared.
-const PARTS: usize = 10;
-/// Steps of time in which the energy's growth is kept.
-const BINS: usize = 512;
 /// Ratio of each speed that is tried to the one before.
 const COARSE: f32 = 1.04;
 /// Steps to both sides of the best speed that are tried then, as parts of it.
@@ -89,24 +91,32 @@ impl Unknown {
     }
 }
 
-/// What a call of [`FirstGuess::advance`] came to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Progress {
-    /// There is more to try.
-    More,
-    /// The observation holds the guess, and how far off it may be.
-    Found,
-    /// At no speed does this train leave the bridge within the passage.
-    NotThisTrain,
+/// How the train has run, as a first guess.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guess {
+    /// The run; what was not unknown of it is as it was.
+    pub run: Run<f32>,
+    /// How far off it may be.
+    pub ranges: Ranges,
 }
 
-/// When the energy of a motion had grown to each part of its whole.
+impl Guess {
+    /// Tells an observation.
+    pub fn tell(&self, observation: &mut Observation<f32>) {
+        observation.run = self.run;
+        observation.ranges = self.ranges;
+    }
+}
+
+/// What a call of [`FirstGuess::advance`] came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Growth {
-    /// Rows.
-    at: [f32; PARTS],
-    /// The whole, (m/s²)² summed over rows and channels.
-    energy: f32,
+pub enum Progress {
+    /// There is more to do.
+    More,
+    /// This is the guess.
+    Found(Guess),
+    /// At no speed does this train leave the bridge within the passage.
+    NotThisTrain,
 }
 
 /// A run that has been tried.
@@ -140,6 +150,10 @@ pub struct FirstGuess {
     entry_time_s: f32,
     best: Option<Tried>,
     next: Next,
+    /// The speed that a pass is trying, and whether on the softer bridge.
+    trying: Option<(f32, bool)>,
+    /// Cost so far, tenths of a solver step.
+    tenths: u64,
 }
 
 impl FirstGuess {
@@ -176,46 +190,72 @@ impl FirstGuess {
                 true => Next::Coarse(LOWEST_SPEED_MPS, false),
                 false => Next::Coarse(observation.run.speed_mps, false),
             },
+            trying: None,
+            tenths: 0,
         }
     }
 
-    /// Tries one more run: one forward solve.
+    /// Steps of the solver so far.
+    pub fn solver_steps(&self) -> u64 {
+        self.tenths / 10
+    }
+
+    /// Does one slice of the work, in the memory of `pass`. The problem is the same in every call, and its run what it was in
+    /// [`FirstGuess::new`].
     ///
     /// # Errors
     /// If the passage cannot be simulated.
-    pub fn advance(
-        &mut self,
-        bridge: &ReducedBridge<f32>,
-        observation: &mut Observation<f32>,
-        samples: &[f32],
-    ) -> Result<Progress, SetupError> {
-        let Some((speed_mps, soft)) = self.next_run(bridge, observation) else {
-            return Ok(self.conclude(bridge, observation));
-        };
-        observation.run.speed_mps = speed_mps;
-        observation.run.entry_time_s = self.entry_time_s;
-        let tried = self.attempt(bridge, observation, samples, soft)?;
-        if self.best.is_none_or(|best| tried.misfit < best.misfit) {
-            self.best = Some(tried);
+    pub fn advance(&mut self, problem: &Problem<'_>, pass: &mut Pass) -> Result<Progress, SetupError> {
+        if let Some((speed_mps, soft)) = self.trying {
+            let over = pass.advance(problem);
+            self.tenths = self.tenths.saturating_add(pass.take_cost());
+            if !over {
+                return Ok(Progress::More);
+            }
+            if let Found::Growth(simulated) = pass.found() {
+                let tried = self.compare(problem, &simulated, speed_mps, soft);
+                if self.best.is_none_or(|best| tried.misfit < best.misfit) {
+                    self.best = Some(tried);
+                }
+            }
         }
+        self.trying = self.next_run(problem.bridge, problem.observation);
+        let Some((speed_mps, soft)) = self.trying else {
+            return Ok(self.conclude(problem));
+        };
+        let expected = problem.observation.expected();
+        let hypothesis = Hypothesis {
+            damage: if soft { SOFT } else { UNDAMAGED },
+            run: Run {
+                speed_mps,
+                entry_time_s: self.entry_time_s,
+                ..expected.run
+            },
+            ..expected
+        };
+        pass.grow(problem, &hypothesis)?;
         Ok(Progress::More)
     }
 
-    /// Tells the observation what has been found.
-    fn conclude(&self, bridge: &ReducedBridge<f32>, observation: &mut Observation<f32>) -> Progress {
+    fn conclude(&self, problem: &Problem<'_>) -> Progress {
+        let (bridge, observation) = (problem.bridge, problem.observation);
         let Some(best) = self.best else {
             return Progress::NotThisTrain;
         };
-        observation.run.speed_mps = best.speed_mps;
-        observation.run.entry_time_s = best.entry_time_s;
+        let mut ranges = observation.ranges;
         if self.unknown.speed {
             let crossing_s = self.crossing_s(bridge, observation, best.speed_mps).unwrap_or(0.0);
-            observation.ranges.speed = speed_range(crossing_s);
+            ranges.speed = speed_range(crossing_s);
         }
         if self.unknown.entry {
-            observation.ranges.entry_s = ENTRY_RANGE_S;
+            ranges.entry_s = ENTRY_RANGE_S;
         }
-        Progress::Found
+        let run = Run {
+            speed_mps: best.speed_mps,
+            entry_time_s: best.entry_time_s,
+            ..observation.run
+        };
+        Progress::Found(Guess { run, ranges })
     }
 
     /// The speed to be tried next, and whether on the softer bridge, if one is left.
@@ -275,29 +315,9 @@ impl FirstGuess {
         run.time_at_s(bridge.path.length_m() + observation.cars.train().length_m())
     }
 
-    // Not inlined: its frame, with the bins, must not stand on the stack under a search.
-    /// The run of `observation` simulated, beside what was recorded.
-    #[inline(never)]
-    fn attempt(
-        &self,
-        bridge: &ReducedBridge<f32>,
-        observation: &Observation<f32>,
-        samples: &[f32],
-        soft: bool,
-    ) -> Result<Tried, SetupError> {
-        let channels = observation.recorder.sensors.len().max(1);
-        let hypothesis = Hypothesis {
-            damage: if soft { SOFT } else { UNDAMAGED },
-            ..observation.expected()
-        };
-        let mut simulation = Simulation::<f32, MODES>::new(bridge, &hypothesis, observation)?;
-        let mut bins = Bins::new(samples.len() / channels);
-        for (index, row) in samples.chunks_exact(channels).enumerate() {
-            let simulated: [f32; CHANNELS] = simulation.sample(observation);
-            bins.push(index, energy(observation, row, &simulated));
-        }
-        let simulated = bins.growth();
-        let rate = observation.recorder.sample_rate_hz;
+    /// What was recorded beside the simulation at a speed.
+    fn compare(&self, problem: &Problem<'_>, simulated: &Growth, speed_mps: f32, soft: bool) -> Tried {
+        let rate = problem.observation.recorder.sample_rate_hz;
         let mut late_s = [0.0; PARTS];
         for (late_s, (recorded, simulated)) in late_s.iter_mut().zip(self.recorded.at.iter().zip(&simulated.at)) {
             *late_s = (recorded - simulated) / rate;
@@ -308,88 +328,13 @@ impl FirstGuess {
         let [first, .., last] = self.recorded.at;
         let deviation_s = DEVIATION_S + DEVIATION_PART * (last - first) / rate;
         let energy = |growth: &Growth| growth.energy.max(f32::MIN_POSITIVE);
-        let load = 0.5 * math::ln(energy(&self.recorded) / energy(&simulated)) / LOAD_RANGE;
+        let load = 0.5 * math::ln(energy(&self.recorded) / energy(simulated)) / LOAD_RANGE;
         let rise = shift_s / RISE_DEVIATION_S;
-        Ok(Tried {
-            speed_mps: observation.run.speed_mps,
+        Tried {
+            speed_mps,
             soft,
-            entry_time_s: observation.run.entry_time_s + shift_s,
+            entry_time_s: self.entry_time_s + shift_s,
             misfit: square / (deviation_s * deviation_s) + load * load + rise * rise,
-        })
-    }
-}
-
-/// Energy of the accelerations among `values`, where there is a recorded one too, (m/s²)².
-fn energy(observation: &Observation<f32>, recorded: &[f32], values: &[f32]) -> f32 {
-    let mut sum = 0.0;
-    for ((recorded, value), sensor) in recorded.iter().zip(values).zip(&observation.recorder.sensors) {
-        if sensor.quantity == Quantity::Acceleration && !recorded.is_nan() {
-            sum += value * value;
-        }
-    }
-    sum
-}
-
-/// Energy by time.
-struct Bins {
-    rows_each: usize,
-    energy: [f32; BINS],
-}
-
-impl Bins {
-    /// For so many rows.
-    fn new(rows: usize) -> Self {
-        Self {
-            rows_each: rows.div_ceil(BINS).max(1),
-            energy: [0.0; BINS],
-        }
-    }
-
-    fn push(&mut self, row: usize, energy: f32) {
-        let bin = row.checked_div(self.rows_each);
-        if let Some(bin) = bin.and_then(|bin| self.energy.get_mut(bin)) {
-            *bin += energy;
-        }
-    }
-
-    /// When the sum first had grown to each part of the whole. (Where noise was taken away it falls now and then.)
-    fn growth(&self) -> Growth {
-        let whole = self.energy.iter().fold(0.0, |sum, energy| sum + energy);
-        let mut at = [0.0; PARTS];
-        let mut waiting = at.iter_mut().zip(1_u8..).peekable();
-        let mut sum = 0.0;
-        for (bin, &energy) in self.energy.iter().enumerate() {
-            while let Some((at, part)) = waiting.peek_mut() {
-                let wanted = whole * (f32::from(*part) - 0.5) / PARTS as f32 - sum;
-                if wanted > energy || energy <= 0.0 {
-                    break;
-                }
-                **at = (bin as f32 + wanted / energy) * self.rows_each as f32;
-                waiting.next();
-            }
-            sum += energy;
-        }
-        Growth { at, energy: whole }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn steady_energy_reaches_its_parts_at_even_times_and_negative_noise_does_not_matter() {
-        let mut bins = Bins::new(2 * BINS);
-        for row in 0..100 {
-            bins.push(row, if row % 4 < 2 { 1e-6 } else { -1e-6 });
-        }
-        for row in 100..200 {
-            bins.push(row, 1.0);
-        }
-        let growth = bins.growth();
-        assert!((growth.energy - 100.0).abs() < 1e-3);
-        for (k, at) in growth.at.iter().enumerate() {
-            assert!((at - (105.0 + 10.0 * k as f32)).abs() < 0.01, "{growth:?}");
         }
     }
 }

@@ -342,34 +342,28 @@ impl Logger {
         let Some(work) = self.work.as_mut() else {
             return false;
         };
-        if let Some(guess) = &mut work.guess {
-            let samples = self.stream.passage_samples();
-            match guess.advance(&self.bridge, &mut work.observation, samples) {
-                Ok(Progress::More) => {
-                    let steps = samples.len() / work.observation.recorder.sensors.len().max(1);
-                    let steps = steps as u64 * u64::from(work.observation.recorder.steps_per_sample);
-                    self.solver_steps = self.solver_steps.saturating_add(steps);
-                    return true;
-                }
-                Ok(Progress::Found) => {
-                    work.guess = None;
-                    return true;
-                }
-                Ok(Progress::NotThisTrain) => {
-                    self.end_work(Verdict::NotIdentified(Reason::NotThisTrain));
-                    return false;
-                }
-                Err(error) => {
-                    self.end_work(Verdict::NotIdentified(Reason::Setup(error)));
-                    return false;
-                }
-            }
-        }
         let problem = Problem {
             bridge: &self.bridge,
             observation: &work.observation,
             samples: self.stream.passage_samples(),
         };
+        if let Some(guess) = &mut work.guess {
+            let before = guess.solver_steps();
+            let progress = guess.advance(&problem, &mut self.pass);
+            let steps = guess.solver_steps().saturating_sub(before);
+            self.solver_steps = self.solver_steps.saturating_add(steps);
+            match progress {
+                Ok(Progress::More) => return true,
+                Ok(Progress::Found(guess)) => {
+                    guess.tell(&mut work.observation);
+                    work.guess = None;
+                    return true;
+                }
+                Ok(Progress::NotThisTrain) => self.end_work(Verdict::NotIdentified(Reason::NotThisTrain)),
+                Err(error) => self.end_work(Verdict::NotIdentified(Reason::Setup(error))),
+            }
+            return false;
+        }
         let before = work.search.solver_steps();
         let found = work
             .search

@@ -1,6 +1,6 @@
 //! Promises of the first guess: where nobody gives speed and entry time, the true ones lie within the range that comes with the
 //! guess, for both trains, 1 to 16 cars, 60 to 300 km/h, sensors anywhere, 2 to 10 % noise, a damaged or softer bridge, another
-//! load. A logger that is told no entry time takes every passage for its train's.
+//! load. With that guess the search finds the run and the damage, or says that it does not explain the passage. A logger that is told no entry time takes every passage for its train's.
 
 use std::path::Path;
 
@@ -10,18 +10,16 @@ use host_sim::replay;
 use host_sim::simulate::{Scenario, simulate};
 use host_sim::train::TrainName;
 use rayon::prelude::*;
+use spanwatch::bridge::blob;
+use spanwatch::capacity::MODEL_BLOB_BYTES;
 use spanwatch::guess::{FirstGuess, Progress, Unknown};
+use spanwatch::identify::{Identification, Pass, Problem};
 use spanwatch::logger::Logger;
 use spanwatch::passage::{Kept, Stream};
 use spanwatch::wire::message::{Channel, Configuration, Event, Quantity, Reason, Traffic, TrainKind, Trigger, Verdict};
 
 const LSB_MPS2: f32 = 2.338e-6;
 const LEAD_S: f64 = 3.0;
-
-/// Every seventh of the 496 passages is tried here, seven being no divisor of any list's length. Of all of them 3 lie outside.
-const EVERY: usize = 7;
-/// How many may lie outside: a bridge that element 5 has softened resonates at another speed than its model.
-const OUTSIDE: usize = 1;
 
 /// What is hidden from the guess besides the run: sensors' nodes, noise, damage, stiffness, load.
 struct World {
@@ -83,13 +81,15 @@ struct Outcome {
     plain_speed: f64,
     rise_s: f64,
     attempts: u32,
+    /// Solver steps.
+    steps: u64,
 }
 
 impl Outcome {
-    /// Whether the truth lies within the range.
-    fn inside(&self) -> bool {
-        let truth = (1.0 + self.speed).recip() - 1.0;
-        truth.abs() <= self.speed_range && self.entry_s.abs() <= self.entry_range_s
+    /// How far off the guess is, as a part of the range: 1 at its border.
+    fn off(&self) -> f64 {
+        let speed = ((1.0 + self.speed).recip() - 1.0).abs() / self.speed_range;
+        speed.max(self.entry_s.abs() / self.entry_range_s)
     }
 }
 
@@ -164,18 +164,22 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
         speed: true,
         entry: true,
     };
-    let mut guess = FirstGuess::new(observation, samples, found.strong(), unknown);
-    let mut attempts = 0;
-    loop {
-        match guess
-            .advance(&observed.bridge, observation, samples)
-            .expect("simulates")
-        {
-            Progress::More => attempts += 1,
-            Progress::Found => break,
+    let mut first_guess = FirstGuess::new(observation, samples, found.strong(), unknown);
+    let mut pass = Box::new(Pass::new());
+    let guess = loop {
+        let problem = Problem {
+            bridge: &observed.bridge,
+            observation,
+            samples,
+        };
+        match first_guess.advance(&problem, &mut pass).expect("simulates") {
+            Progress::More => {}
+            Progress::Found(guess) => break guess,
             Progress::NotThisTrain => panic!("{cars} cars at {speed_kmh} km/h: not this train"),
         }
-    }
+    };
+    let solve = samples.len() / world.nodes.len() * observation.recorder.steps_per_sample as usize;
+    guess.tell(observation);
     let entry_s = LEAD_S - found.first_sample as f64 / 200.0;
     let way_m = f64::from(observed.bridge.path.length_m() + observation.cars.train().length_m());
     Outcome {
@@ -186,7 +190,8 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
         entry_range_s: observation.ranges.entry_s.into(),
         plain_speed: way_m / (found.strong().len() as f64 / 200.0) / (speed_kmh / 3.6),
         rise_s: found.strong().start as f64 / 200.0 - entry_s,
-        attempts,
+        attempts: (first_guess.solver_steps() / solve as u64) as u32,
+        steps: first_guess.solver_steps(),
     }
 }
 
@@ -198,9 +203,11 @@ fn spread(values: impl Iterator<Item = f64>) -> [f64; 5] {
     [0.0, 0.05, 0.5, 0.95, 1.0].map(|part| (1e3 * values[(part * last as f64).round() as usize]).round() / 1e3)
 }
 
-#[test]
-fn the_truth_lies_within_the_range_of_the_guess() {
-    let bridge = Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands");
+/// One passage to be tried.
+type Case = (TrainKind, usize, f64, &'static World);
+
+/// All passages that the promise speaks of.
+fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for train in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
         for cars in [1, 2, 4, 8, 16] {
@@ -214,10 +221,50 @@ fn the_truth_lies_within_the_range_of_the_guess() {
             }
         }
     }
-    let cases: Vec<_> = cases.into_iter().step_by(EVERY).collect();
-    let outcomes: Vec<_> = (cases.par_iter().enumerate())
-        .map(|(seed, &(train, cars, speed_kmh, world))| outcome(&bridge, train, cars, speed_kmh, world, seed as u64))
+    cases
+}
+
+/// The guesses of some of the passages.
+fn outcomes(numbers: &[usize]) -> Vec<Outcome> {
+    let bridge = Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands");
+    let cases = cases();
+    (numbers.par_iter())
+        .map(|&number| {
+            let (train, cars, speed_kmh, world) = cases[number];
+            outcome(&bridge, train, cars, speed_kmh, world, number as u64)
+        })
+        .collect()
+}
+
+#[test]
+fn the_truth_lies_within_the_range_of_the_guess() {
+    // Of all passages those whose guess is farthest off, as a part of its range. The first three lie outside: element 5 has softened a
+    // bridge that resonates at another speed than its model then.
+    const HARDEST: [usize; 7] = [76, 324, 289, 36, 284, 48, 212];
+    const OUTSIDE: usize = 3;
+    // And some as they come; 83 is no divisor of any list's length.
+    const EVERY: usize = 83;
+    let others = (0..cases().len()).step_by(EVERY);
+    let numbers: Vec<usize> = HARDEST.into_iter().chain(others).collect();
+    let outcomes = outcomes(&numbers);
+    let outside: Vec<usize> = (numbers.iter().zip(&outcomes))
+        .filter(|(_, outcome)| outcome.off() > 1.0)
+        .map(|(&number, _)| number)
         .collect();
+    println!("{outside:?} of {numbers:?}");
+    assert!(
+        outside.iter().all(|number| HARDEST[..OUTSIDE].contains(number)),
+        "{outside:?}"
+    );
+}
+
+#[test]
+#[ignore = "all 496 passages take minutes"]
+fn of_all_passages_three_lie_outside_the_range_of_the_guess() {
+    const OUTSIDE: usize = 3;
+    let cases = cases();
+    let numbers: Vec<usize> = (0..cases.len()).collect();
+    let outcomes = outcomes(&numbers);
     for cars in [1, 2, 4, 8, 16] {
         let of = || outcomes.iter().filter(|outcome| outcome.cars == cars);
         println!(
@@ -235,18 +282,124 @@ fn the_truth_lies_within_the_range_of_the_guess() {
             spread(of().map(|o| o.rise_s))
         );
         println!("    forward solves {:?}", spread(of().map(|o| f64::from(o.attempts))));
+        println!("    million steps {:?}", spread(of().map(|o| o.steps as f64 / 1e6)));
     }
-    let outside: Vec<_> = (cases.iter().zip(&outcomes))
-        .filter(|(_, outcome)| !outcome.inside())
-        .collect();
-    for ((train, cars, speed_kmh, world), outcome) in &outside {
+    let mut worst: Vec<usize> = numbers;
+    worst.sort_by(|&a, &b| outcomes[b].off().total_cmp(&outcomes[a].off()));
+    for &number in &worst[..24] {
+        let (train, cars, speed_kmh, world) = cases[number];
         println!(
-            "outside: {train:?}, {cars}, {speed_kmh} km/h, nodes {:?}, damage {:?} {}: {outcome:?}",
-            world.nodes, world.damage, world.stiffness_factor
+            "{number}: {:.2} of the range, {train:?}, {cars}, {speed_kmh} km/h, nodes {:?}, damage {:?} {}: {:?}",
+            outcomes[number].off(),
+            world.nodes,
+            world.damage,
+            world.stiffness_factor,
+            outcomes[number]
         );
     }
-    println!("{} of {} outside", outside.len(), outcomes.len());
-    assert!(outcomes.len() > 60 && outside.len() <= OUTSIDE);
+    let outside = outcomes.iter().filter(|outcome| outcome.off() > 1.0).count();
+    println!("{outside} of {} outside", outcomes.len());
+    assert!(outcomes.len() == 496 && outside <= OUTSIDE);
+}
+
+/// Train, cars, speed in km/h, sensors' nodes, damage, and whether the search finds it.
+type Passage = (TrainKind, usize, f64, &'static [u16], &'static [(usize, f64)], bool);
+
+/// A passage of which the recording tells nothing but train and cars, and what the search finds in it.
+fn identified(bridge: &Structure, scenario: &Scenario) -> (Observed, Identification) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("passage.csv");
+    let passage = simulate(bridge, scenario).expect("simulates");
+    let mut csv = String::from("time_s");
+    let mut toml = format!(
+        "bridge = \"girder50\"\ntrain = \"{}\"\ncars = {}\nantialias_hz = 40.0\n",
+        scenario.train.name(),
+        scenario.cars.unwrap_or(1)
+    );
+    for node in &scenario.nodes {
+        csv += &format!(",node{node}");
+        toml += &format!("[[channel]]\ncolumn = \"node{node}\"\nnode = {node}\nunit = \"m/s2\"\n");
+    }
+    for row in 0..passage.channels[0].len() {
+        csv += &format!("\n{:.3}", row as f64 * passage.interval_s);
+        for channel in &passage.channels {
+            csv += &format!(",{:.8e}", channel[row]);
+        }
+    }
+    std::fs::write(&path, csv + "\n").expect("written");
+    std::fs::write(path.with_extension("toml"), toml).expect("written");
+    let prepared = replay::prepare(&path, None, 1).expect("a recording");
+    let observed = Observed::recorded(&prepared).expect("a passage");
+    let found = observed.identify(1).expect("simulates");
+    (observed, found)
+}
+
+#[test]
+fn with_nothing_told_but_the_train_the_search_ends_at_the_truth_or_says_that_it_has_not() {
+    // Deviations by which speed, entry, load and damage may be off: one value in a million exceeds them by chance.
+    const OFF: f64 = 5.0;
+    let bridge = Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands");
+    let (car, shinkansen) = (TrainKind::Inspection2Dof, TrainKind::Shinkansen3d);
+    // Such as the first two ended a period of the first mode beside the true entry, or at another speed, as long as the bridge was
+    // taken for whole until the train was settled. In the last the first guess of the speed is off by more than its range.
+    let passages: [Passage; 3] = [
+        (shinkansen, 2, 274.6, &[3, 6, 9], &[(6, 0.25)], true),
+        (car, 1, 229.5, &[6], &[(3, 0.35), (8, 0.26)], true),
+        (shinkansen, 4, 107.5, &[6], &[(3, 0.34)], false),
+    ];
+    passages
+        .par_iter()
+        .enumerate()
+        .for_each(|(i, &(train, cars, speed_kmh, nodes, damaged, right))| {
+            let mut damage = vec![0.0; 10];
+            for &(element, loss) in damaged {
+                damage[element - 1] = loss;
+            }
+            let scenario = Scenario {
+                train: TrainName::Known(train),
+                cars: Some(cars),
+                speed_kmh,
+                nodes: nodes.to_vec(),
+                noise: 0.035,
+                seed: i as u64,
+                damage,
+                load_factor: 0.9,
+                lead_s: LEAD_S + 0.003,
+                tail_s: 12.0,
+                ..Scenario::inspection_car()
+            }
+            .recorded();
+            let (observed, found) = identified(&bridge, &scenario);
+            let entry_s = scenario.lead_s - observed.first_sample as f64 / 200.0;
+            let run = found.run;
+            let mut off = vec![
+                (3.6 * f64::from(run.speed_mps) / speed_kmh - 1.0) / f64::from(found.std[1]),
+                (f64::from(run.entry_time_s) - entry_s) / f64::from(found.std[2]),
+                (f64::from(run.load_factor) / scenario.load_factor - 1.0) / f64::from(found.std[3]),
+            ];
+            let estimate = &found.estimate;
+            off.extend(
+                (estimate.damage.iter().zip(&scenario.damage).zip(&estimate.std))
+                    .map(|((&found, truth), &std)| (f64::from(found) - truth) / f64::from(std)),
+            );
+            println!(
+                "{train:?}, {cars} cars, {speed_kmh} km/h: off by {off:.1?} deviations, {} solves",
+                found.forward_solves
+            );
+            assert_eq!(
+                found.explained(),
+                right,
+                "{train:?}, {cars} cars, {speed_kmh} km/h: {found:?}"
+            );
+            if right {
+                assert!(
+                    off.iter().all(|off| off.abs() < OFF),
+                    "{train:?}, {cars} cars, {speed_kmh} km/h: {off:.1?}"
+                );
+            } else {
+                assert_eq!(found.certain(), 0, "what is not explained is not damage");
+            }
+        });
 }
 
 #[test]
@@ -254,11 +407,14 @@ fn a_logger_without_an_entry_time_identifies_every_passage_and_with_one_only_tha
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/case1-60kmh.csv");
     let prepared = replay::prepare(&path, None, 1).expect("a shipped recording");
     let counts = prepared.recording.to_counts();
+    let mut buffer = [0; MODEL_BLOB_BYTES];
+    let bridge = prepared.bridge.as_ref().expect("a bridge").cast();
+    let model: &[u8] = blob::write(&bridge, &mut buffer).expect("fits");
     let verdicts = |rows: usize, change: fn(&mut Traffic)| -> Vec<Verdict> {
         let mut configuration = prepared.configuration.clone();
         change(configuration.traffic.as_mut().expect("a train"));
         let mut logger = Box::new(Logger::new());
-        logger.load(prepared.bridge.as_ref().expect("a bridge").cast());
+        logger.load(model).expect("a model");
         logger.configure(configuration).expect("sound");
         for first_sample in [0, 100_000] {
             logger.push(first_sample, &counts[..rows]).expect("whole rows");

@@ -290,10 +290,16 @@ impl Observed {
                     entry: traffic.entry_time_s.is_none(),
                 };
                 let mut first_guess = FirstGuess::new(&observation, kept, passage.strong(), unknown);
-                let guessed = loop {
-                    match first_guess.advance(&bridge, &mut observation, kept)? {
+                let mut pass = Box::new(Pass::new());
+                let guess = loop {
+                    let problem = Problem {
+                        bridge: &bridge,
+                        observation: &observation,
+                        samples: kept,
+                    };
+                    match first_guess.advance(&problem, &mut pass)? {
                         Progress::More => {}
-                        Progress::Found => break f64::from(observation.run.entry_time_s) + first as f64 / rate,
+                        Progress::Found(guess) => break guess,
                         Progress::NotThisTrain => bail!(
                             "{name}: no speed between 20 and 400 km/h brings this train over the bridge within the passage from \
                              {:.2} s to {:.2} s of file time; check train and cars, and that the recording goes on until the bridge is quiet",
@@ -302,6 +308,8 @@ impl Observed {
                         ),
                     }
                 };
+                guess.tell(&mut observation);
+                let guessed = f64::from(guess.run.entry_time_s) + first as f64 / rate;
                 (all, traffic.entry_time_s.unwrap_or(guessed))
             }
         };

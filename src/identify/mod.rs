@@ -4,7 +4,7 @@
 //! paper's Eq. 46), in a [`pass`] over the samples that can be cut into slices. Two genetic searches propose damage as
 //! codes of tenths ([`code`]): [`paper_ga`] as published, for comparison, and [`micro_ga`], small enough for the logger.
 //! [`refine`] goes from the best code to the least squares. None of these simulates anything: they *ask* and are *told*.
-//! [`hybrid`] puts them together, and is what the logger runs.
+//! [`hybrid`] puts them together, and is what the logger runs. ([`growth`] is what the [first guess](crate::guess) asks a pass for.)
 //!
 //! What comes out is a Gaussian about the elements ([`estimate`], on [`quadratic`] and [`interval`]), and [`evidence`] adds those
 //! of many passages up.
@@ -13,6 +13,7 @@ pub mod code;
 pub mod estimate;
 pub mod evidence;
 pub mod free_vibration;
+pub mod growth;
 pub mod hybrid;
 pub mod interval;
 pub mod micro_ga;

@@ -4,20 +4,24 @@
 //!
 //! | pass | sums | cost, forward solves |
 //! |---|---|---|
-//! | comparison | residuals, and products with the recording shifted in time | 1 |
-//! | linearisation | the normal equations | 1 + [`TANGENT`] for each free unknown |
+//! | comparison | residuals, and products with the recording shifted in time | 1, and a tenth for every 120 shifts of a channel at 200 Hz |
+//! | linearisation | the normal equations | 1 + [`TANGENT_TENTHS`] for each free unknown |
 //! | correlation | products of the residuals with earlier ones | 1 |
+//! | growth | the energy by time, for the [first guess](crate::guess) | 1 |
 
 use nalgebra::SMatrix;
 
+use super::growth::{self, Bins, Growth};
 use super::objective::{Problem, Squares, residual};
 use super::unknowns::{Theta, derivatives, hypothesis};
 use crate::capacity::{CHANNELS, MODES, UNKNOWNS};
-use crate::interaction::{Sensitivities, SetupError, Simulation};
+use crate::interaction::{Hypothesis, Sensitivities, SetupError, Simulation};
 use crate::slot::Slot;
 
 /// Forward solves, in tenths, that following one derivative through a passage costs (docs/benchmarks.md).
 pub const TANGENT_TENTHS: u32 = 4;
+/// Products with the recording that cost as much as a tenth of a solver step: ten instructions each, of 6,000.
+const SHIFTS_A_TENTH: u32 = 60;
 /// Shifts to either side that a comparison looks at, at most.
 pub const MOST_SHIFTS: usize = 128;
 /// Lags of the residuals' correlation that are looked at: a second at 200 Hz, in which the free vibration of a bridge loses a
@@ -45,6 +49,7 @@ enum Sums {
     Comparison(Comparison),
     Linearisation(Normal, [f32; CHANNELS]),
     Correlation(Correlation),
+    Growth(Bins),
 }
 
 /// What a pass has found.
@@ -58,6 +63,8 @@ pub enum Found<'a> {
     Normal(&'a Normal),
     /// How many residuals say as much as one independent one.
     CorrelationTime(f32),
+    /// When the simulation's energy had grown to each part of its whole.
+    Growth(Growth),
 }
 
 /// Recorded and simulated motion side by side.
@@ -136,6 +143,9 @@ struct Correlation {
     count: f32,
 }
 
+// The first guess asks for no memory of its own.
+const _: () = assert!(size_of::<Bins>() <= size_of::<Correlation>());
+
 impl Default for Pass {
     fn default() -> Self {
         Self::new()
@@ -167,7 +177,7 @@ impl Pass {
         weights: [f32; CHANNELS],
         shifts: Shifts,
     ) -> Result<(), SetupError> {
-        self.simulate(problem, theta)?;
+        self.simulate(problem, &hypothesis(theta, problem.observation))?;
         self.sums = Sums::Comparison(Comparison {
             residuals: Squares::NONE,
             weights,
@@ -213,7 +223,7 @@ impl Pass {
         theta: &Theta,
         weights: [f32; CHANNELS],
     ) -> Result<(), SetupError> {
-        self.simulate(problem, theta)?;
+        self.simulate(problem, &hypothesis(theta, problem.observation))?;
         self.sums = Sums::Correlation(Correlation {
             weights: weights.map(crate::math::sqrt),
             latest: [[0.0; LAGS]; CHANNELS],
@@ -224,9 +234,16 @@ impl Pass {
         Ok(())
     }
 
-    fn simulate(&mut self, problem: &Problem<'_>, theta: &Theta) -> Result<(), SetupError> {
-        let hypothesis = hypothesis(theta, problem.observation);
-        Simulation::begin(problem.bridge, &hypothesis, problem.observation, &mut self.simulation)?;
+    /// Begins to follow the growth of the energy that `hypothesis` says. It is not given as a `theta`, because a speed that nobody
+    /// expects is not a part of an expected one.
+    pub fn grow(&mut self, problem: &Problem<'_>, hypothesis: &Hypothesis<f32>) -> Result<(), SetupError> {
+        self.simulate(problem, hypothesis)?;
+        self.sums = Sums::Growth(Bins::new(problem.recorded().len()));
+        Ok(())
+    }
+
+    fn simulate(&mut self, problem: &Problem<'_>, hypothesis: &Hypothesis<f32>) -> Result<(), SetupError> {
+        Simulation::begin(problem.bridge, hypothesis, problem.observation, &mut self.simulation)?;
         self.row = 0;
         Ok(())
     }
@@ -238,11 +255,19 @@ impl Pass {
         };
         let observation = problem.observation;
         let steps_per_sample = observation.recorder.steps_per_sample.max(1);
-        let cost = match self.sums {
+        let cost = match &self.sums {
             Sums::Linearisation(..) => 10 + TANGENT_TENTHS * self.sensitivities.free(),
+            Sums::Comparison(comparison) if comparison.shifts.half > 0 => {
+                let products = (2 * comparison.shifts.half + 1) * problem.channels();
+                let products = (products as u32).div_ceil(SHIFTS_A_TENTH);
+                10 + products.checked_div(steps_per_sample).unwrap_or(products)
+            }
             _ => 10,
         };
-        let rows = (10 * SLICE_STEPS / (cost * steps_per_sample)).max(1) as usize;
+        let rows = (10 * SLICE_STEPS)
+            .checked_div(cost * steps_per_sample)
+            .unwrap_or(1)
+            .max(1) as usize;
         let mut recorded = problem.recorded().skip(self.row);
         for _ in 0..rows {
             let Some(recorded) = recorded.next() else {
@@ -260,6 +285,10 @@ impl Pass {
                 Sums::Correlation(correlation) => {
                     correlation.add(&residual(recorded, &simulation.sample(observation)));
                 }
+                Sums::Growth(bins) => {
+                    let simulated: [f32; CHANNELS] = simulation.sample(observation);
+                    bins.push(self.row, growth::energy(observation, recorded, &simulated));
+                }
             }
             self.row += 1;
             self.tenths += u64::from(cost * steps_per_sample);
@@ -274,6 +303,7 @@ impl Pass {
             Sums::Comparison(comparison) => Found::Comparison(comparison),
             Sums::Linearisation(normal, _) => Found::Normal(normal),
             Sums::Correlation(correlation) => Found::CorrelationTime(correlation.time()),
+            Sums::Growth(bins) => Found::Growth(bins.growth()),
         }
     }
 }
