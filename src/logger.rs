@@ -325,6 +325,7 @@ impl Logger {
             bridge: &self.bridge,
             observation: &work.observation,
             samples: self.stream.passage_samples(),
+            free_vibration: None,
         };
         let before = work.search.solver_steps();
         let found = work.search.advance(&problem, &mut self.pass);
