@@ -271,10 +271,7 @@ impl FreeVibration {
         self.terms(bridge, damage, factors, |found, model| {
             let hz = core::f32::consts::TAU.recip();
             let std_hz = found.frequency_std_hz.max(FINEST * found.frequency_hz);
-            (
-                [found.frequency_hz, std_hz],
-                [model.omega * hz, hz, 0.0],
-            )
+            ([found.frequency_hz, std_hz], [model.omega * hz, hz, 0.0])
         })
     }
 

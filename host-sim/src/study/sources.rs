@@ -438,7 +438,10 @@ pub fn setting(case: Case, wear: f64, nuisance: Nuisance) -> Setting {
 }
 
 /// What a recorder would write of a passage without noise, a list for each of [`SENSORS`], to the end of the longer tail.
-fn clean(bridge: &BridgeFrame, setting: &Setting, drawn: &Drawn) -> Result<Vec<Vec<f64>>> {
+///
+/// # Errors
+/// As [`simulate`].
+pub fn clean(bridge: &BridgeFrame, setting: &Setting, drawn: &Drawn) -> Result<Vec<Vec<f64>>> {
     let truth = Structure::new(Field::NONE.bridge(setting, drawn.seed, bridge, drawn.truth.stiffness))?;
     let of = |quantity: Quantity| {
         let sensors = SENSORS.iter().filter(|sensor| sensor.1 == quantity);
@@ -455,8 +458,11 @@ fn clean(bridge: &BridgeFrame, setting: &Setting, drawn: &Drawn) -> Result<Vec<V
     Ok([of(Quantity::Acceleration)?, of(Quantity::Displacement)?].concat())
 }
 
-/// A recording of a source, as the search sees it.
-fn record(
+/// A recording of a source, as the search sees it: noise and rounding added to what is `clean`.
+///
+/// # Errors
+/// If there is no free vibration in a tail whose frequencies are wanted.
+pub fn record(
     bridge: &ReducedBridge<f64>,
     passage: &Passage,
     setting: &Setting,
@@ -513,7 +519,9 @@ pub fn run(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
     let settings: Vec<Setting> = (plan.cases.iter())
         .flat_map(|&case| [Nuisance::Known, Nuisance::Unknown].map(|nuisance| setting(case, plan.wear, nuisance)))
         .collect();
-    let passages = batch::each(&settings, |setting| Passage::new(&model, setting, setting.draw(0).ranges));
+    let passages = batch::each(&settings, |setting| {
+        Passage::new(&model, setting, setting.draw(0).ranges)
+    });
     let passages = passages.into_iter().collect::<Result<Vec<_>>>()?;
     let jobs: Vec<(usize, u64)> = (0..settings.len())
         .flat_map(|s| (1..=u64::from(plan.seeds)).map(move |seed| (s, seed)))
@@ -540,7 +548,12 @@ pub fn run(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
         let mut identified = 0;
         for source in &SOURCES {
             let rmse = source.is_recordable().then(|| {
-                let square = |e: usize| of_setting.iter().map(|errors| errors[identified][e].powi(2)).sum::<f64>();
+                let square = |e: usize| {
+                    of_setting
+                        .iter()
+                        .map(|errors| errors[identified][e].powi(2))
+                        .sum::<f64>()
+                };
                 std::array::from_fn(|e| (square(e) / of_setting.len() as f64).sqrt())
             });
             identified += usize::from(source.is_recordable());
@@ -575,7 +588,10 @@ pub fn table(rows: &[Row]) -> String {
             .map(|part| format!("{:.2}", 100.0 * part))
             .join(" / ")
     };
-    let ratio = |row: &Row| row.ratio().map_or_else(|| "none".to_owned(), |ratio| format!("{ratio:.2}"));
+    let ratio = |row: &Row| {
+        row.ratio()
+            .map_or_else(|| "none".to_owned(), |ratio| format!("{ratio:.2}"))
+    };
     for group in rows.chunk_by(|a, b| a.case == b.case) {
         let case = group[0].case;
         let (known, unknown): (Vec<&Row>, Vec<&Row>) = group.iter().partition(|row| row.nuisance == Nuisance::Known);
