@@ -273,22 +273,7 @@ impl Observed {
     /// As [`Self::recorded`], or no free vibration is found.
     pub fn recorded_with_tail(prepared: &Prepared, damping: bool, seed: u64) -> Result<Self> {
         let (mut observed, rows) = Self::located(prepared)?;
-        let mut located = observed.observation.clone();
-        if located.ranges.speed > 0.0 || located.ranges.entry_s > 0.0 {
-            let problem = observed.problem();
-            let samples = &observed.samples[..rows * problem.channels()];
-            let found = hybrid(&Problem { samples, ..problem }, seed, &mut || ())?;
-            if found.explained() {
-                let [_, speed, entry_s, _] = found.std.map(|std| LATER * std);
-                located.run = found.run;
-                located.ranges = Ranges {
-                    speed: speed.min(located.ranges.speed),
-                    entry_s: entry_s.min(located.ranges.entry_s),
-                    ..located.ranges
-                };
-            }
-        }
-        let first = first_free_sample(&observed.bridge, &located).context(SetupError::Stops)?;
+        let first = observed.first_free(rows, seed)?;
         observed.split_tail(first, damping).with_context(|| {
             let (recording, rate) = (&prepared.recording, prepared.recording.rate_hz());
             format!(
@@ -303,6 +288,31 @@ impl Observed {
             )
         })?;
         Ok(observed)
+    }
+
+    /// Index of the sample from which the bridge is free. Where speed and entry are only roughly known, the passage is identified
+    /// once with its first so many samples of each channel to know that; `seed` is of that search.
+    ///
+    /// # Errors
+    /// If the passage cannot be simulated, or the train does not leave.
+    pub fn first_free(&self, rows: usize, seed: u64) -> Result<usize> {
+        let mut located = self.observation.clone();
+        if located.ranges.speed > 0.0 || located.ranges.entry_s > 0.0 {
+            let problem = self.problem();
+            let samples = self.samples.get(..rows * problem.channels()).unwrap_or(&self.samples);
+            let found = hybrid(&Problem { samples, ..problem }, seed, &mut || ())?;
+            // What is not explained has not been located either.
+            if found.explained() {
+                let [_, speed, entry_s, _] = found.std.map(|std| LATER * std);
+                located.run = found.run;
+                located.ranges = Ranges {
+                    speed: speed.min(located.ranges.speed),
+                    entry_s: entry_s.min(located.ranges.entry_s),
+                    ..located.ranges
+                };
+            }
+        }
+        first_free_sample(&self.bridge, &located).context(SetupError::Stops)
     }
 
     /// Takes the natural frequencies (and damping ratios) of the samples from `first` on in their place; none if there is no free

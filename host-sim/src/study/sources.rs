@@ -213,7 +213,7 @@ pub struct Passage {
     jacobian: Vec<Vec<[f64; UNKNOWNS]>>,
     /// Samples to the end of each tail.
     ends: [usize; 2],
-    /// Where the tails begin, if run and stiffness are known to such ranges.
+    /// Where the tails begin.
     free: usize,
     ranges: Ranges,
 }
@@ -254,8 +254,7 @@ impl Passage {
                 }
             }
         }
-        let mut observed = Observed::of(bridge.cast(), &scenario, vec![])?;
-        observed.observation.ranges = ranges;
+        let observed = Observed::of(bridge.cast(), &scenario, vec![])?;
         Ok(Self {
             bridge: bridge.clone(),
             damage: truth.damage,
@@ -495,7 +494,7 @@ pub fn record(
     let of: Vec<(u16, Quantity)> = sensors.iter().map(|&s| SENSORS[s]).collect();
     observed.observation.recorder.sensors = places(bridge, &of)?;
     if source.after != After::Samples {
-        let first = first_free_sample(&observed.bridge, &observed.observation).context("the train stops")?;
+        let first = observed.first_free(rows, drawn.seed)?;
         match source.after {
             After::Frequencies(damping) => {
                 let found = observed.split_tail(first, damping);
@@ -596,27 +595,27 @@ pub fn table(rows: &[Row]) -> String {
         let case = group[0].case;
         let (known, unknown): (Vec<&Row>, Vec<&Row>) = group.iter().partition(|row| row.nuisance == Nuisance::Known);
         let frequency = |row: &Row| format!("{:.2}", 1e4 * row.first_frequency);
-        let mut lines = vec![["source", "known", "fn1", "RMSE", "unknown", "fn1", "RMSE"].map(String::from)];
+        let heads = ["source", "known", "fn1", "RMSE", "unknown", "fn1", "RMSE"].map(String::from);
+        let mut lines = vec![heads];
         for (known, unknown) in known.into_iter().zip(unknown) {
             // Markdown drops leading blanks.
             let name = known.source.name.replacen("  ", "… ", 1);
-            lines.push([
-                name,
-                points(known),
-                frequency(known),
-                ratio(known),
-                points(unknown),
-                frequency(unknown),
-                ratio(unknown),
-            ]);
+            let [a, b, c] = [points(known), frequency(known), ratio(known)];
+            let [d, e, f] = [points(unknown), frequency(unknown), ratio(unknown)];
+            lines.push([name, a, b, c, d, e, f]);
         }
+        let table = if group.iter().any(|row| row.rmse.is_some()) {
+            aligned(lines)
+        } else {
+            aligned(lines.into_iter().map(|[s, a, b, _, d, e, _]| [s, a, b, d, e]).collect())
+        };
         text += &format!(
             "{}, case {}, {} cars, {:.0} km/h\n\n{}\n",
             TrainName::Known(case.train).name(),
             case.number,
             case.cars,
             case.speed_kmh,
-            aligned(lines)
+            table
         );
     }
     text + LEGEND
