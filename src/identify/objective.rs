@@ -108,8 +108,8 @@ impl Squares {
     /// The weighted sum.
     pub fn weighted(&self, weights: &[f32; CHANNELS]) -> f32 {
         let mut sum = 0.0;
-        for c in 0..CHANNELS {
-            sum += self.sum[c] * weights[c];
+        for (square, weight) in self.sum.iter().zip(weights) {
+            sum += square * weight;
         }
         sum
     }
