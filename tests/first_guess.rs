@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use host_sim::identification::Observed;
-use host_sim::model::Structure;
+use host_sim::model::{self, Structure};
 use host_sim::replay;
 use host_sim::simulate::{Scenario, simulate};
 use host_sim::train::TrainName;
@@ -200,7 +200,7 @@ fn spread(values: impl Iterator<Item = f64>) -> [f64; 5] {
 
 #[test]
 fn the_truth_lies_within_the_range_of_the_guess() {
-    let bridge = Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands");
+    let bridge = Structure::new(model::shipped("girder50").expect("shipped")).expect("stands");
     let mut cases = Vec::new();
     for train in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
         for cars in [1, 2, 4, 8, 16] {
@@ -258,7 +258,8 @@ fn a_logger_without_an_entry_time_identifies_every_passage_and_with_one_only_tha
         let mut configuration = prepared.configuration.clone();
         change(configuration.traffic.as_mut().expect("a train"));
         let mut logger = Box::new(Logger::new());
-        logger.load(prepared.bridge.as_ref().expect("a bridge").cast());
+        let model = model::to_blob(prepared.bridge.as_ref().expect("a bridge")).expect("room");
+        logger.load(&model).expect("a model");
         logger.configure(configuration).expect("sound");
         for first_sample in [0, 100_000] {
             logger.push(first_sample, &counts[..rows]).expect("whole rows");
