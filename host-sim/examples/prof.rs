@@ -1,3 +1,5 @@
+//! Where the time of an identification goes: a loop for a profiler.
+
 use host_sim::{
     evaluate::{Case, Signal},
     identification::Observed,
