@@ -262,6 +262,8 @@ impl Hybrid {
     }
 
     /// Takes what a pass has found; gives the result if it was the last.
+    // Not inlined: its frame must not stand on the stack under the passes.
+    #[inline(never)]
     fn hear(&mut self, problem: &Problem<'_>, found: Found<'_>) -> Option<Identification> {
         match (self.stage, found) {
             (Stage::Align, Found::Comparison(comparison)) => self.hear_speed(problem, comparison),
