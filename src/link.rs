@@ -7,9 +7,12 @@
 use heapless::Vec;
 
 use crate::capacity::MODEL_BLOB_BYTES;
+use crate::identify::evidence::EVIDENCE_BYTES;
 use crate::logger::Logger;
 use crate::wire::frame::Refusal;
-use crate::wire::message::{Acknowledgement, Answer, Effort, Event, ModelChunk, Outcome, Request, Status};
+use crate::wire::message::{
+    Acknowledgement, Answer, Effort, Event, EvidenceBytes, ModelChunk, Outcome, Request, Status,
+};
 use crate::wire::{Decoder, FrameBuffer, Kind};
 
 pub use crate::wire::message::{Health, Restart};
@@ -132,6 +135,11 @@ impl Desk {
                 self.logger.finish();
                 Outcome::Done
             }
+            Request::Evidence => return self.tell_evidence(sequence, board),
+            Request::Restore(bytes) => self
+                .logger
+                .restore(&bytes)
+                .map_or_else(Outcome::Evidence, |()| Outcome::Done),
             Request::Status => {
                 let answer = Answer::Status(self.status(rejected, board));
                 return self.send(Kind::Answer, sequence, &answer, board);
@@ -141,6 +149,17 @@ impl Desk {
         let answer = Answer::Acknowledgement(Acknowledgement { outcome, busy });
         self.send(Kind::Answer, sequence, &answer, board);
         self.tell(board);
+    }
+
+    // Not inlined: half a kilobyte that no other request needs.
+    #[inline(never)]
+    fn tell_evidence(&mut self, sequence: u32, board: &mut impl Board) {
+        let mut bytes = EvidenceBytes::new();
+        // There is room for the whole of it.
+        let _ = bytes.resize_default(EVIDENCE_BYTES);
+        let used = self.logger.evidence(&mut bytes).len();
+        bytes.truncate(used);
+        self.send(Kind::Answer, sequence, &Answer::Evidence(bytes), board);
     }
 
     /// Adds a piece to the blob; the last one makes a model of it.

@@ -16,6 +16,8 @@ use serde::{Deserialize, Serialize};
 use crate::bridge::{BlobError, ReducedBridge, blob};
 use crate::capacity::{CARS, CHANNELS};
 use crate::guess::{self, FirstGuess, Progress, Unknown};
+use crate::identify::estimate::{CONTRADICTION, Estimate};
+use crate::identify::evidence::{Change, Evidence, EvidenceError, Forgetting};
 use crate::identify::hybrid::HIDDEN;
 use crate::identify::{Hybrid, Identification, Pass, Problem};
 use crate::interaction::simulation::{Recorder, Sensor};
@@ -25,9 +27,10 @@ use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::train::PlanarTrain;
+use crate::wire::CRC32C;
 use crate::wire::message::{
-    Alert, Channel, Configuration, Event, Fit, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, Trigger,
-    Verdict,
+    Alert, Channel, Configuration, Event, Fit, Memory, PassageReport, Quality, Quantity, Ranges, Reason, RivalReport,
+    Traffic, Trigger, Verdict,
 };
 
 /// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
@@ -67,6 +70,8 @@ pub enum ConfigurationError {
     Trigger,
     /// The anti-alias filter's cut-off is not positive.
     Antialias,
+    /// A memory is shorter than a passage, or the recent one not the shorter.
+    Memory,
     /// Cars, speed (up to 200 m/s), entry time or load factor of the train make no sense.
     Traffic,
     /// How far off speed, entry time, load or stiffness may be is negative, not finite or too far.
@@ -87,6 +92,9 @@ impl fmt::Display for ConfigurationError {
                  not above it, and its window must hold 8 samples at least: record faster"
             }
             Self::Antialias => "the anti-alias filter's cut-off must be positive",
+            Self::Memory => {
+                "a memory must be one passage at least, or 0 to forget nothing, and the recent one the shorter of the two"
+            }
             Self::Traffic => {
                 "the train must have 1 to 16 cars, a speed up to 200 m/s, a finite entry time, a positive load factor"
             }
@@ -145,6 +153,9 @@ impl Configuration {
         if !believable {
             return Err(ConfigurationError::Trigger);
         }
+        if Forgetting::new(self.memory.long_passages, self.memory.recent_passages).is_err() {
+            return Err(ConfigurationError::Memory);
+        }
         if self.antialias_hz.is_some_and(|hz| !positive(hz)) {
             return Err(ConfigurationError::Antialias);
         }
@@ -175,8 +186,10 @@ impl Configuration {
         Ok(())
     }
 
+    // Not inlined: a train and its steps are copied a few times.
     /// How a passage of `traffic` is to be simulated whose samples begin at `first_sample` of the stream. A speed or entry time that
     /// is not known stands at a value that is no guess: [`FirstGuess`] replaces it.
+    #[inline(never)]
     pub fn observe(
         &self,
         traffic: &Traffic,
@@ -215,6 +228,8 @@ impl Configuration {
 #[derive(Debug, Clone)]
 struct Work {
     observation: Observation<f32>,
+    /// Stream time of the passage's first sample, s.
+    first_s: f64,
     /// What must be guessed before the search.
     guess: Option<FirstGuess>,
     search: Hybrid,
@@ -231,6 +246,10 @@ pub struct Logger {
     work: Slot<Work>,
     /// Memory for the work.
     pass: Pass,
+    /// What all passages say.
+    evidence: Evidence,
+    /// CRC-32C of the bridge model, by which its evidence is known.
+    model_crc: u32,
     events: Deque<Event, EVENTS>,
     passages: u32,
     alerts: u32,
@@ -252,6 +271,8 @@ impl Logger {
             stream: Stream::new(),
             work: Slot::Empty,
             pass: Pass::new(),
+            evidence: Evidence::new(Forgetting::NEVER),
+            model_crc: 0,
             events: Deque::new(),
             passages: 0,
             alerts: 0,
@@ -259,9 +280,15 @@ impl Logger {
         }
     }
 
-    /// Starts afresh with a configuration; work in progress is dropped, the bridge model stays.
+    /// Starts afresh with a configuration; work in progress and evidence are dropped, the bridge model stays.
     pub fn configure(&mut self, configuration: Configuration) -> Result<(), ConfigurationError> {
         configuration.check()?;
+        let Memory {
+            long_passages,
+            recent_passages,
+        } = configuration.memory;
+        let forgetting = Forgetting::new(long_passages, recent_passages).map_err(|_| ConfigurationError::Memory)?;
+        self.evidence = Evidence::new(forgetting);
         self.stream.configure(&configuration);
         self.work = Slot::Empty;
         self.events.clear();
@@ -272,11 +299,28 @@ impl Logger {
         Ok(())
     }
 
-    /// Takes another bridge model, as [`blob::write`] makes it. An identification in progress is dropped with the old one. Bytes that
-    /// were changed on their way leave the old model; a model that is refused leaves none.
+    /// Takes another bridge model, as [`blob::write`] makes it. An identification in progress and the evidence are dropped with the old
+    /// one. Bytes that were changed on their way leave the old model; a model that is refused leaves none.
     pub fn load(&mut self, model: &[u8]) -> Result<(), BlobError> {
         self.end_work(Verdict::NotIdentified(Reason::NoModel));
-        blob::read_into(model, &mut self.bridge)
+        blob::read_into(model, &mut self.bridge)?;
+        let crc = CRC32C.checksum(model);
+        if crc != self.model_crc {
+            self.model_crc = crc;
+            self.evidence = Evidence::new(self.evidence.forgetting());
+        }
+        Ok(())
+    }
+
+    /// Writes what all passages say of the bridge into `buffer`; nothing if there is no room.
+    pub fn evidence<'b>(&self, buffer: &'b mut [u8]) -> &'b [u8] {
+        self.evidence.to_bytes(self.model_crc, buffer).unwrap_or_default()
+    }
+
+    /// Goes on from what [`Self::evidence`] wrote, for the same bridge model, before a restart.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EvidenceError> {
+        self.evidence = Evidence::from_bytes(bytes, self.model_crc, self.evidence.forgetting())?;
+        Ok(())
     }
 
     /// Takes a block of raw counts, channel after channel within a sample, that begins at sample `first_sample` of the
@@ -328,12 +372,15 @@ impl Logger {
             free_vibration: None,
         };
         let before = work.search.solver_steps();
-        let found = work.search.advance(&problem, &mut self.pass);
+        let found = work
+            .search
+            .advance(&problem, &mut self.pass)
+            .map(|found| found.is_some());
         let steps = work.search.solver_steps().saturating_sub(before);
         self.solver_steps = self.solver_steps.saturating_add(steps);
         match found {
-            Ok(None) => return true,
-            Ok(Some(found)) => self.decide(&found),
+            Ok(false) => return true,
+            Ok(true) => self.decide(),
             Err(error) => self.end_work(Verdict::NotIdentified(Reason::Setup(error))),
         }
         false
@@ -379,16 +426,7 @@ impl Logger {
             self.passages = self.passages.saturating_add(1);
             let report = self.describe(&passage);
             match self.observe(&passage) {
-                Ok((observation, guess)) => {
-                    let seed = self.configuration.as_ref().map_or(0, |c| c.seed);
-                    let search = Hybrid::new(seed);
-                    self.work = Slot::Full(Work {
-                        observation,
-                        guess,
-                        search,
-                        report,
-                    });
-                }
+                Ok((observation, guess)) => self.begin_work(&passage, observation, guess, report),
                 Err(reason) => {
                     if passage.kept == Kept::Whole {
                         self.stream.release();
@@ -397,6 +435,27 @@ impl Logger {
                 }
             }
         }
+    }
+
+    // Not inlined: the work must not stand on the stack longer than it takes to be put into its place.
+    #[inline(never)]
+    fn begin_work(
+        &mut self,
+        passage: &Passage,
+        observation: Observation<f32>,
+        guess: Option<FirstGuess>,
+        report: PassageReport,
+    ) {
+        let Some(configuration) = self.configuration.as_ref() else {
+            return;
+        };
+        self.work = Slot::Full(Work {
+            observation,
+            first_s: passage.first_sample as f64 / f64::from(configuration.sample_rate_hz),
+            guess,
+            search: Hybrid::new(configuration.seed),
+            report,
+        });
     }
 
     fn describe(&self, passage: &Passage) -> PassageReport {
@@ -413,6 +472,7 @@ impl Logger {
     }
 
     /// How the passage is to be simulated, and what of it must be guessed first, or why it cannot be.
+    #[inline(never)]
     fn observe(&self, passage: &Passage) -> Result<(Observation<f32>, Option<FirstGuess>), Reason> {
         let Some(configuration) = self.configuration.as_ref().filter(|_| self.bridge.elements > 0) else {
             return Err(Reason::NoModel);
@@ -440,42 +500,70 @@ impl Logger {
         Ok((observation, guess))
     }
 
-    fn decide(&mut self, found: &Identification) {
+    // Not inlined: an alert must not stand on the stack under the search.
+    #[inline(never)]
+    fn decide(&mut self) {
+        let Some(Work {
+            search,
+            report,
+            first_s,
+            ..
+        }) = self.work.as_ref()
+        else {
+            return;
+        };
+        let Some(found) = search.result() else { return };
+        if !found.explained() {
+            return self.end_work(Verdict::NotIdentified(Reason::Unexplained));
+        }
+        if found.estimate.contradiction > CONTRADICTION {
+            return self.end_work(Verdict::NotIdentified(Reason::Implausible));
+        }
+        let change = self.evidence.add(&found.information);
         let fit = Fit {
             objective: found.objective,
             unexplained: found.unexplained,
+            speed_mps: found.run.speed_mps,
+            entry_time_s: f64::from(found.run.entry_time_s) + first_s,
+            load_factor: found.run.load_factor,
+            stiffness: found.stiffness,
+            change,
         };
-        let certain = found.certain();
-        let hidden = found.hidden(self.bridge.elements);
-        let hidden_permille = permille(&hidden);
-        if !found.explained() {
-            self.end_work(Verdict::NotIdentified(Reason::Unexplained));
-        } else if certain == 0 {
-            self.end_work(if hidden > HIDDEN {
+        let elements = self.bridge.elements;
+        let (estimate, passages) = believed(found, &self.evidence, change, elements);
+        let certain = estimate.certain();
+        if certain == 0 {
+            let hidden = estimate.hidden(elements);
+            let hidden_permille = permille(&hidden);
+            return self.end_work(if hidden > HIDDEN {
                 Verdict::Undecided { fit, hidden_permille }
             } else {
                 Verdict::Healthy { fit, hidden_permille }
             });
-        } else {
-            if let Some(work) = self.work.as_ref() {
-                let bridge = &self.bridge;
-                let permille = |values: &[f32]| values.iter().take(bridge.elements).map(permille).collect();
-                let alert = Alert {
-                    bridge: bridge.name.clone(),
-                    passage: work.report.passage,
-                    start_sample: work.report.start_sample,
-                    damage_permille: permille(&found.estimate.damage),
-                    std_permille: permille(&found.estimate.std),
-                    certain,
-                    objective: found.objective,
-                    objective_healthy: found.objective_healthy,
-                    forward_solves: found.forward_solves,
-                };
-                self.alerts = self.alerts.saturating_add(1);
-                self.emit(Event::Alert(alert));
-            }
-            self.end_work(Verdict::Damaged { fit });
         }
+        let permille = |values: &[f32]| values.iter().take(elements).map(permille).collect();
+        let alert = Alert {
+            bridge: self.bridge.name.clone(),
+            passage: report.passage,
+            start_sample: report.start_sample,
+            damage_permille: permille(&estimate.damage),
+            std_permille: permille(&estimate.std),
+            low_permille: permille(&estimate.low),
+            high_permille: permille(&estimate.high),
+            passages,
+            rival: found.rival.as_ref().map(|rival| RivalReport {
+                whole: rival.whole as u8 + 1,
+                damage_permille: permille(&rival.damage),
+                loses_by: rival.loses_by,
+            }),
+            certain,
+            objective: found.objective,
+            objective_healthy: found.objective_healthy,
+            forward_solves: found.forward_solves,
+        };
+        self.alerts = self.alerts.saturating_add(1);
+        self.emit(Event::Alert(alert));
+        self.end_work(Verdict::Damaged { fit });
     }
 
     /// The identification is over; the memory is free for the next passage.
@@ -499,4 +587,19 @@ impl Logger {
 /// To the nearest per mille; what is larger than a message can hold becomes the largest that it can.
 fn permille(value: &f32) -> u16 {
     (value * 1000.0 + 0.5) as u16
+}
+
+/// What is believed of the bridge after a passage, and on how many passages it rests: on all of them, unless there is only this
+/// one, it contradicts the others, or it alone shows a damage beyond doubt that is still drowned in them.
+fn believed(found: &Identification, evidence: &Evidence, change: Change, elements: usize) -> (Estimate, f32) {
+    let passages = evidence.passages();
+    if passages <= 1.0 || matches!(change, Change::Outlier | Change::Unusable) {
+        return (found.estimate, 1.0);
+    }
+    let together = evidence.estimate(elements);
+    if together.certain() == 0 && found.certain() != 0 {
+        (found.estimate, 1.0)
+    } else {
+        (together, passages)
+    }
 }

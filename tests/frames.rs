@@ -4,11 +4,12 @@
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
+use spanwatch::identify::evidence::{Change, EVIDENCE_BYTES};
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
     Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Configuration, Effort, Event, Fit, Health,
-    ModelChunk, Outcome, PassageReport, Quality, Quantity, Ranges, Request, Restart, SampleBlock, Status, Traffic,
-    TrainKind, Trigger, Verdict,
+    Memory, ModelChunk, Outcome, PassageReport, Quality, Quantity, Ranges, Request, Restart, RivalReport, SampleBlock,
+    Status, Traffic, TrainKind, Trigger, Verdict,
 };
 use spanwatch::wire::{CRC32C, Decoder, FrameBuffer, Kind};
 
@@ -19,6 +20,14 @@ fn alert() -> Event {
         start_sample: u64::MAX,
         damage_permille: [700; ELEMENTS].into_iter().collect(),
         std_permille: [u16::MAX; ELEMENTS].into_iter().collect(),
+        low_permille: [700; ELEMENTS].into_iter().collect(),
+        high_permille: [700; ELEMENTS].into_iter().collect(),
+        passages: 1e3,
+        rival: Some(RivalReport {
+            whole: 10,
+            damage_permille: [700; ELEMENTS].into_iter().collect(),
+            loses_by: 14.0,
+        }),
         certain: u16::MAX,
         objective: 1e-6,
         objective_healthy: 1e-3,
@@ -50,8 +59,11 @@ fn requests() -> Vec<Request> {
                 load_factor: 1.0,
                 ranges: Ranges::WIDEST,
             }),
+            memory: Memory::default(),
             seed: u64::MAX,
         }),
+        Request::Evidence,
+        Request::Restore([u8::MAX; EVIDENCE_BYTES].into_iter().collect()),
         Request::Model(ModelChunk {
             offset: u32::MAX,
             total: u32::MAX,
@@ -77,6 +89,7 @@ fn answers() -> Vec<Answer> {
             outcome: Outcome::Done,
             busy: true,
         }),
+        Answer::Evidence([u8::MAX; EVIDENCE_BYTES].into_iter().collect()),
         Answer::Status(Status {
             samples: u64::MAX,
             passages: u32::MAX,
@@ -112,6 +125,11 @@ fn events() -> Vec<Event> {
             fit: Fit {
                 objective: 1.0,
                 unexplained: 0.5,
+                speed_mps: 75.0,
+                entry_time_s: 1e9,
+                load_factor: 1.0,
+                stiffness: 1.0,
+                change: Change::Sudden,
             },
             hidden_permille: u16::MAX,
         },
@@ -168,7 +186,9 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
     }
     for answer in answers() {
         let bytes = bytes_of(Kind::Answer, 77, &answer);
-        read(&bytes, Kind::Answer, &|frame| frame.message::<Answer>() == Some(answer));
+        read(&bytes, Kind::Answer, &|frame| {
+            frame.message::<Answer>().as_ref() == Some(&answer)
+        });
     }
     for event in events() {
         let bytes = bytes_of(Kind::Event, 77, &event);

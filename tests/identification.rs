@@ -41,7 +41,7 @@ fn identify(problem: &Problem<'_>, seed: u64) -> Identification {
     let (mut search, mut pass) = (Hybrid::new(seed), Pass::new());
     loop {
         if let Some(found) = search.advance(problem, &mut pass).expect("a forward solve") {
-            return found;
+            return *found;
         }
     }
 }

@@ -46,7 +46,7 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings").join(recording);
         let prepared = replay::prepare(&path, None, replay::DEFAULT_SEED).expect("a recording");
         status = prepared
-            .replay(&mut station, |told| {
+            .replay(&mut station, None, |told| {
                 alerts += usize::from(matches!(told, Told::Alert { .. }));
                 Ok(())
             })

@@ -3,8 +3,8 @@
 
 use spanwatch::logger::{ConfigurationError, Logger};
 use spanwatch::wire::message::{
-    Channel, Configuration, Event, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, TrainKind, Trigger,
-    Verdict,
+    Channel, Configuration, Event, Memory, PassageReport, Quality, Quantity, Ranges, Reason, Traffic, TrainKind,
+    Trigger, Verdict,
 };
 
 const RATE_HZ: usize = 200;
@@ -24,6 +24,7 @@ fn configuration(channels: usize) -> Configuration {
         trigger: Trigger::default(),
         antialias_hz: Some(40.0),
         traffic: None,
+        memory: Memory::default(),
         seed: 1,
     }
 }

@@ -140,7 +140,7 @@ fn hybrid(problem: &Problem<'_>, seed: u64, slice: &mut dyn FnMut()) -> Result<I
     loop {
         slice();
         if let Some(found) = search.advance(problem, &mut pass)? {
-            return Ok(found);
+            return Ok(*found);
         }
     }
 }

@@ -7,7 +7,8 @@ use spanwatch::bridge::ReducedBridge;
 use spanwatch::guess;
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{
-    Alert, BLOCK_COUNTS, Channel, Configuration, Event, PassageReport, Quantity, Ranges, Status, Traffic, Trigger,
+    Alert, BLOCK_COUNTS, Channel, Configuration, Event, Memory, PassageReport, Quantity, Ranges, Status, Traffic,
+    Trigger,
 };
 
 use crate::recording::Recording;
@@ -126,6 +127,7 @@ fn configuration(recording: &Recording, seed: u64) -> Configuration {
         trigger: Trigger::default(),
         antialias_hz: recording.antialias_hz.map(|hz| hz as f32),
         traffic: traffic(),
+        memory: Memory::default(),
         seed,
     }
 }
@@ -165,12 +167,21 @@ impl Prepared {
             .collect()
     }
 
-    /// Replays the recording; `tell` hears of everything that the logger says, as it comes.
-    pub fn replay(&self, station: &mut Station, mut tell: impl FnMut(&Told) -> Result<()>) -> Result<Status> {
+    /// Replays the recording; `tell` hears of everything that the logger says, as it comes. The logger goes on from `evidence`, if
+    /// there is any.
+    pub fn replay(
+        &self,
+        station: &mut Station,
+        evidence: Option<&[u8]>,
+        mut tell: impl FnMut(&Told) -> Result<()>,
+    ) -> Result<Status> {
         if let Some(bridge) = &self.bridge {
             station.load(bridge)?;
         }
         station.configure(&self.configuration)?;
+        if let Some(evidence) = evidence {
+            station.restore(evidence)?;
+        }
         let channels = self.recording.channels.len();
         let rows = BLOCK_COUNTS / channels;
         let counts = self.recording.to_counts();

@@ -73,7 +73,8 @@ impl<T: Real> Eigenmodes<T> {
             order: core::array::from_fn(|i| i),
             count: bridge.basis.min(BASIS),
         };
-        let mut matrix = stiffness(bridge, damage);
+        let mut matrix = SMatrix::identity();
+        stiffness(bridge, damage, &mut matrix);
         eigen(&mut matrix, &mut modes.vectors, modes.count);
         modes.eigenvalues = matrix.diagonal();
         let eigenvalues = &modes.eigenvalues;
@@ -275,9 +276,8 @@ impl<T: Real, const M: usize> FrequencySlopes<T, M> {
     }
 }
 
-/// `Phi^T K(d) Phi`.
-fn stiffness<T: Real>(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> SMatrix<T, BASIS, BASIS> {
-    let mut matrix = SMatrix::<T, BASIS, BASIS>::identity();
+/// `Phi^T K(d) Phi`, from the identity.
+fn stiffness<T: Real>(bridge: &ReducedBridge<T>, damage: &Damage<T>, matrix: &mut SMatrix<T, BASIS, BASIS>) {
     for (column, &element) in bridge
         .factors
         .column_iter()
@@ -297,7 +297,6 @@ fn stiffness<T: Real>(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> SMatrix<
             matrix[(i, j)] *= root[i] * root[j];
         }
     }
-    matrix
 }
 
 /// Makes the leading `n x n` block of a symmetric positive matrix diagonal: what is left there are its eigenvalues, unsorted. Turns the

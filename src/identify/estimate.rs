@@ -18,6 +18,10 @@
 //! once that nothing has happened in that element, although its deviation is as large. It is the square root of a likelihood
 //! ratio, and equals `x_e / std(x_e)` where no bound and no other element is touched.
 //!
+//! That no element gains stiffness also tests the model. Unbounded, a wrong speed, entry time or train is fitted best by
+//! elements that gain and others that lose; the `contradiction`, `(2 (min f within the bounds - min f))^1/2`, says by how many
+//! deviations the evidence asks for a gain. Beyond [`CONTRADICTION`] nothing is certain.
+//!
 //! The interval is that of the deviation, and as wide: it may reach down to 0 for an element that is certainly not whole. It
 //! holds the true loss 95 % of the time, and says how much may be lost; the significance says whether anything is.
 //!
@@ -44,6 +48,10 @@ pub const ALARM_DAMAGE: f32 = 0.05;
 /// ... and this many standard deviations. With ten elements and 200 trains a day, Gaussian errors would exceed it by
 /// chance once in five years.
 pub const ALARM_DEVIATIONS: f32 = 5.0;
+/// Beyond this the model is not of this bridge or of this train: it can only be made to fit if elements gain stiffness. The square
+/// is at most a chi-square of as many degrees of freedom as there are elements, which exceeds 30 for ten of them once in a thousand
+/// passages.
+pub const CONTRADICTION: f32 = 5.5;
 /// Two explanations can be told apart if they are this many deviations apart.
 pub const TOLD_APART: f32 = 3.0;
 /// Part of `x_e^2 A_ee`, summed over the elements, that rounding of the sums may make of a difference: ten times what `f32` leaves
@@ -72,12 +80,16 @@ pub struct Estimate {
     pub high: Damage<f32>,
     /// Standard deviations by which it is out of the question that the element is whole.
     pub significance: [f32; ELEMENTS],
+    /// Deviations by which the evidence contradicts that no element gains stiffness.
+    pub contradiction: f32,
 }
 
 impl Estimate {
     /// Whether element `e` (from 0) is damaged beyond doubt.
     pub fn is_certain(&self, e: usize) -> bool {
-        let sure = |(&damage, &significance): (&f32, &f32)| damage > ALARM_DAMAGE && significance > ALARM_DEVIATIONS;
+        let sure = |(&damage, &significance): (&f32, &f32)| {
+            damage > ALARM_DAMAGE && significance > ALARM_DEVIATIONS && self.contradiction < CONTRADICTION
+        };
         self.damage.iter().zip(&self.significance).nth(e).is_some_and(sure)
     }
 
@@ -120,6 +132,7 @@ impl Information {
             low: [0.0; ELEMENTS],
             high: core::array::from_fn(|e| if lacks(e) { 0.0 } else { MAX_DAMAGE as f32 }),
             significance: [0.0; ELEMENTS],
+            contradiction: 0.0,
         };
         let upper = self.upper(elements);
         let (Some(best), Some(centre), Some(variances)) = (self.within(&upper), self.centre(), self.variances()) else {
@@ -127,6 +140,9 @@ impl Information {
         };
         let mut estimate = nothing;
         estimate.damage = losses(&best.at);
+        // The slope is 0 at the centre, so all of the rise is in the square.
+        let held_back = centre - best.at;
+        estimate.contradiction = math::sqrt(held_back.dot(&(self.slope(&centre) - self.slope(&best.at))).max(0.0));
         for e in 0..elements.min(ELEMENTS) {
             if variances[e].is_finite() {
                 let deviation = math::sqrt(variances[e]);

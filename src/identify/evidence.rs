@@ -178,7 +178,7 @@ fn share(passages: f32) -> f32 {
 }
 
 /// What a passage changed in what is believed of the bridge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Change {
     /// It agrees with those before.
@@ -256,6 +256,11 @@ impl Evidence {
             settling: 0.0,
             stranger: None,
         }
+    }
+
+    /// How fast it forgets.
+    pub fn forgetting(&self) -> Forgetting {
+        self.forgetting
     }
 
     /// Takes what one passage says. It must be independent of those before, and its covariance true.

@@ -125,6 +125,7 @@ enum Stage {
     Descend,
     Correlate,
     Doubt,
+    Over,
 }
 
 /// The best answer so far.
@@ -183,22 +184,30 @@ impl Hybrid {
     }
 
     /// Does one slice of the work, in the memory of `pass`; gives the result once it is there.
-    pub fn advance(&mut self, problem: &Problem<'_>, pass: &mut Pass) -> Result<Option<Identification>, SetupError> {
-        if self.stage == Stage::Begin {
-            self.begin(problem);
-            self.ask(problem, pass)?;
-            return Ok(None);
-        }
-        let over = pass.advance(problem);
-        self.tenths = self.tenths.saturating_add(pass.take_cost());
-        if !over {
-            return Ok(None);
-        }
-        if let Some(found) = self.hear(problem, pass.found()) {
-            return Ok(Some(found));
+    pub fn advance(&mut self, problem: &Problem<'_>, pass: &mut Pass) -> Result<Option<&Identification>, SetupError> {
+        match self.stage {
+            Stage::Begin => self.begin(problem),
+            Stage::Over => return Ok(self.result()),
+            _ => {
+                let over = pass.advance(problem);
+                self.tenths = self.tenths.saturating_add(pass.take_cost());
+                if !over {
+                    return Ok(None);
+                }
+                self.hear(problem, pass.found());
+            }
         }
         self.ask(problem, pass)?;
-        Ok(None)
+        Ok(self.result())
+    }
+
+    /// The result, if it is there.
+    pub fn result(&self) -> Option<&Identification> {
+        let over = self.stage == Stage::Over;
+        self.answer
+            .as_ref()
+            .filter(|_| over)
+            .map(|answer| &answer.identification)
     }
 
     fn begin(&mut self, problem: &Problem<'_>) {
@@ -231,11 +240,13 @@ impl Hybrid {
         self.power.weights(&self.power)
     }
 
+    // Not inlined, as the next: the answer must not stand on the stack under a pass that begins.
     /// Begins the pass that the stage needs next.
+    #[inline(never)]
     fn ask(&mut self, problem: &Problem<'_>, pass: &mut Pass) -> Result<(), SetupError> {
         let weights = self.weights();
         match self.stage {
-            Stage::Begin => Ok(()),
+            Stage::Begin | Stage::Over => Ok(()),
             Stage::Align => pass.compare(problem, &self.tried_speed(problem), weights, self.shifts(problem)),
             Stage::Search => match self.pattern(problem) {
                 Some(theta) => pass.compare(problem, &theta, weights, self.nudges(problem)),
@@ -261,10 +272,9 @@ impl Hybrid {
         }
     }
 
-    /// Takes what a pass has found; gives the result if it was the last.
-    // Not inlined: its frame must not stand on the stack under the passes.
+    /// Takes what a pass has found.
     #[inline(never)]
-    fn hear(&mut self, problem: &Problem<'_>, found: Found<'_>) -> Option<Identification> {
+    fn hear(&mut self, problem: &Problem<'_>, found: Found<'_>) {
         match (self.stage, found) {
             (Stage::Align, Found::Comparison(comparison)) => self.hear_speed(problem, comparison),
             (Stage::Search, Found::Comparison(comparison)) => self.hear_pattern(problem, comparison),
@@ -282,13 +292,12 @@ impl Hybrid {
                 };
                 let spent = self.spent().then_some(Stop::Budget);
                 if let Some(stop) = stop.or(spent) {
-                    return self.end_descent(problem, stop);
+                    self.end_descent(problem, stop);
                 }
             }
-            (Stage::Correlate, Found::CorrelationTime(time)) => return self.conclude(problem, time),
+            (Stage::Correlate, Found::CorrelationTime(time)) => self.conclude(problem, time),
             _ => {}
         }
-        None
     }
 
     // ---- align ------------------------------------------------------------------------------------------------------
@@ -385,8 +394,8 @@ impl Hybrid {
 
     // ---- descend ----------------------------------------------------------------------------------------------------
 
-    fn end_descent(&mut self, problem: &Problem<'_>, stop: Stop) -> Option<Identification> {
-        let descent = self.descent.as_ref()?;
+    fn end_descent(&mut self, problem: &Problem<'_>, stop: Stop) {
+        let Some(descent) = self.descent.as_ref() else { return };
         match self.stage {
             Stage::Settle => {
                 self.settled = *descent.best();
@@ -395,54 +404,52 @@ impl Hybrid {
                 self.objective_healthy = descent.residuals().mean();
                 self.best = (self.settled, f32::INFINITY);
                 self.stage = Stage::Search;
-                None
             }
             Stage::Descend => {
                 self.stop = stop;
                 self.stage = Stage::Correlate;
-                None
             }
             _ => self.answer_doubt(problem),
         }
     }
 
     /// The descent is over and its residuals' correlation known.
-    fn conclude(&mut self, problem: &Problem<'_>, correlation_time: f32) -> Option<Identification> {
-        let descent = self.descent.as_ref()?;
-        let found = Answer {
-            identification: self.identification(problem, descent, correlation_time),
-            theta: *descent.best(),
-            residuals: *descent.residuals(),
-            correlation_time,
-        };
+    #[inline(never)]
+    fn conclude(&mut self, problem: &Problem<'_>, correlation_time: f32) {
+        let Some(descent) = self.descent.as_ref() else { return };
         let weights = descent.weights();
-        let best = match self.answer.take() {
-            Some(earlier) if earlier.identification.objective <= found.identification.objective => earlier,
-            _ => found,
-        };
-        let identification = best.identification;
-        let (theta, elements) = (best.theta, problem.bridge.elements.min(ELEMENTS));
-        self.answer = Some(best);
-        if !identification.explained() && self.round < ROUNDS {
+        let better = |earlier: &Answer| earlier.identification.objective <= descent.residuals().mean();
+        if !self.answer.as_ref().is_some_and(better) {
+            self.answer = Some(Answer {
+                identification: self.identification(problem, descent, correlation_time),
+                theta: *descent.best(),
+                residuals: *descent.residuals(),
+                correlation_time,
+            });
+        }
+        let Some(answer) = self.answer.as_ref() else { return };
+        let (identification, theta) = (&answer.identification, answer.theta);
+        let (whole, significance) = identification.estimate.most_certain();
+        let explained = identification.explained();
+        if !explained && self.round < ROUNDS {
             self.round += 1;
             self.search.begin_again(BASIN_BUDGET);
             self.best = (self.settled, f32::INFINITY);
             self.stage = Stage::Search;
-            return None;
+            return;
         }
-        let (whole, significance) = identification.estimate.most_certain();
-        if significance < TOLD_APART || !identification.explained() || self.spent() {
-            return self.counted(problem, None);
+        if significance < TOLD_APART || !explained || self.spent() {
+            return self.end(problem, None);
         }
+        let elements = problem.bridge.elements.min(ELEMENTS);
         let mut mirrored: Damage<f32> = [0.0; ELEMENTS];
-        for (e, loss) in identification.estimate.damage.into_iter().enumerate().take(elements) {
+        for (e, &loss) in identification.estimate.damage.iter().enumerate().take(elements) {
             mirrored[elements - 1 - e] = loss;
         }
         let limits = self.limits(problem).with_whole(whole);
         let start = with_losses(theta, &mirrored);
         self.descent = Some(Refinement::new(&start, limits, self.power, weights));
         self.stage = Stage::Doubt;
-        None
     }
 
     fn identification(&self, problem: &Problem<'_>, descent: &Refinement, correlation_time: f32) -> Identification {
@@ -480,8 +487,10 @@ impl Hybrid {
     // ---- doubt ------------------------------------------------------------------------------------------------------
 
     /// The descent with the most certain element whole is over.
-    fn answer_doubt(&mut self, problem: &Problem<'_>) -> Option<Identification> {
-        let (descent, answer) = (self.descent.as_ref()?, self.answer.as_ref()?);
+    fn answer_doubt(&mut self, problem: &Problem<'_>) {
+        let (Some(descent), Some(answer)) = (self.descent.as_ref(), self.answer.as_ref()) else {
+            return;
+        };
         let limits = self.limits(problem);
         // Twice the logarithm of the ratio of likelihoods, noise of unknown variance in each channel.
         let mut worse = 0.0;
@@ -503,30 +512,31 @@ impl Hybrid {
             self.descent = Some(Refinement::new(descent.best(), limits, self.power, descent.weights()));
             self.answer = None;
             self.stage = Stage::Descend;
-            return None;
+            return;
         }
         let rival = Rival {
             whole: answer.identification.estimate.most_certain().0,
             damage: losses(descent.best()),
             loses_by: math::sqrt(worse.max(0.0)),
         };
-        self.counted(problem, Some(rival))
+        self.end(problem, Some(rival));
     }
 
     fn spent(&self) -> bool {
         self.tenths > 10 * MOST_STEPS
     }
 
-    /// The answer, with what it has cost.
-    fn counted(&self, problem: &Problem<'_>, rival: Option<Rival>) -> Option<Identification> {
+    /// The answer is complete, with what it has cost.
+    fn end(&mut self, problem: &Problem<'_>, rival: Option<Rival>) {
         let samples = problem.recorded().len() as u64;
         let solve = (10 * samples * u64::from(problem.observation.recorder.steps_per_sample)).max(1);
-        self.answer.as_ref().map(|answer| Identification {
-            rival,
-            forward_solves: u32::try_from(self.tenths.div_ceil(solve)).unwrap_or(u32::MAX),
-            generations: self.search.generations(),
-            ..answer.identification
-        })
+        if let Some(answer) = &mut self.answer {
+            let identification = &mut answer.identification;
+            identification.rival = rival;
+            identification.forward_solves = u32::try_from(self.tenths.div_ceil(solve)).unwrap_or(u32::MAX);
+            identification.generations = self.search.generations();
+        }
+        self.stage = Stage::Over;
     }
 }
 

@@ -293,7 +293,9 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         tangents: [Tangent::AT_REST; UNKNOWNS],
     };
 
+    // Not inlined: the eigenproblem must leave the stack.
     /// Begins with a hypothesis, whose simulation it gives; to be differentiated by the unknowns that are `free`.
+    #[inline(never)]
     pub fn begin(
         &mut self,
         bridge: &ReducedBridge<T>,

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bridge::BlobError;
 use crate::capacity::{CHANNELS, ELEMENTS};
+use crate::identify::evidence::{Change, EVIDENCE_BYTES, EvidenceError};
 use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
 
@@ -32,15 +33,25 @@ pub enum Request {
     Finish,
     /// Send a [`Status`].
     Status,
+    /// Send what all passages say of the bridge, to be kept and restored after a restart.
+    Evidence,
+    /// What an earlier logger sent: go on from there.
+    Restore(EvidenceBytes),
 }
 
+/// An [`Evidence`](crate::identify::evidence::Evidence) as bytes.
+pub type EvidenceBytes = Vec<u8, EVIDENCE_BYTES>;
+
 /// What a logger says to each request.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "one at a time, on its way to the frame")]
 pub enum Answer {
     /// What became of the request.
     Acknowledgement(Acknowledgement),
     /// The logger's health.
     Status(Status),
+    /// What all passages say of the bridge.
+    Evidence(EvidenceBytes),
 }
 
 /// What a logger says on its own.
@@ -65,8 +76,30 @@ pub struct Configuration {
     pub antialias_hz: Option<f32>,
     /// The train that is expected; none: passages are found, nothing is identified.
     pub traffic: Option<Traffic>,
+    /// How long passages are remembered.
+    pub memory: Memory,
     /// Seed of the search.
     pub seed: u64,
+}
+
+/// How many passages it takes to forget one (to a part `1/e`); 0: never. The recent memory shows a sudden loss, the long one makes
+/// the answer sharp.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Memory {
+    /// Of the long memory.
+    pub long_passages: f32,
+    /// Of the recent one, which must be the shorter.
+    pub recent_passages: f32,
+}
+
+impl Default for Memory {
+    /// Five days and a morning of a busy line.
+    fn default() -> Self {
+        Self {
+            long_passages: 1000.0,
+            recent_passages: 20.0,
+        }
+    }
 }
 
 /// What a sensor measures.
@@ -236,6 +269,8 @@ pub enum Outcome {
     Samples,
     /// Chunks of the model out of order, or too many bytes.
     Chunk,
+    /// The evidence cannot be gone on from.
+    Evidence(EvidenceError),
 }
 
 /// What was wrong with the samples of a passage, counted over all channels.
@@ -290,14 +325,24 @@ pub struct PassageReport {
     pub verdict: Verdict,
 }
 
-/// How well a damage pattern explains a passage.
+/// How well a passage is explained, and by what run of the train.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fit {
-    /// Misfit, (m/s²)².
+    /// Misfit, (m/s²)² (m²).
     pub objective: f32,
-    /// The same as a part of the passage's mean square.
+    /// Part of the passage's power that is not explained.
     pub unexplained: f32,
+    /// Speed as the train enters, m/s.
+    pub speed_mps: f32,
+    /// Stream time at which the first axle reaches the bridge, s.
+    pub entry_time_s: f64,
+    /// Load, as a part of the expected train's.
+    pub load_factor: f32,
+    /// Stiffness of the whole bridge, as a part of the model's.
+    pub stiffness: f32,
+    /// What the passage changed in what is believed of the bridge.
+    pub change: Change,
 }
 
 /// What the search made of a passage.
@@ -347,6 +392,8 @@ pub enum Reason {
     Setup(SetupError),
     /// No pattern of damage explains the record.
     Unexplained,
+    /// It is explained only if elements gain stiffness: train, track or bridge are not those of the model.
+    Implausible,
 }
 
 /// Damage: which elements, how much, how sure, on what evidence.
@@ -362,6 +409,14 @@ pub struct Alert {
     pub damage_permille: Vec<u16, ELEMENTS>,
     /// Standard deviation of each, per mille.
     pub std_permille: Vec<u16, ELEMENTS>,
+    /// 95 % interval of each, per mille: its lower end ...
+    pub low_permille: Vec<u16, ELEMENTS>,
+    /// ... and its upper end.
+    pub high_permille: Vec<u16, ELEMENTS>,
+    /// Passages that this rests on; those long ago count in part.
+    pub passages: f32,
+    /// The best other explanation of this passage, if one was looked for.
+    pub rival: Option<RivalReport>,
     /// Bit `e - 1` is set where element `e` is damaged beyond doubt.
     pub certain: u16,
     /// Misfit of this pattern, (m/s²)².
@@ -370,6 +425,17 @@ pub struct Alert {
     pub objective_healthy: f32,
     /// Train-bridge interaction analyses that it took.
     pub forward_solves: u32,
+}
+
+/// What else could explain a passage: one element is whole in it, and others have lost more.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RivalReport {
+    /// The element, from 1, that is whole.
+    pub whole: u8,
+    /// Loss of bending stiffness of each element, per mille.
+    pub damage_permille: Vec<u16, ELEMENTS>,
+    /// Standard deviations by which it explains the passage worse.
+    pub loses_by: f32,
 }
 
 /// Why a logger started.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Args;
 use host_sim::channel::{self, QemuOptions, Via};
 use host_sim::output;
@@ -28,6 +28,10 @@ pub(super) struct Arguments {
     /// SQLite file that alerts are appended to
     #[arg(long, default_value = "spanwatch.sqlite", value_name = "FILE")]
     database: PathBuf,
+    /// What all passages say of the bridge: the logger goes on from this file and leaves what it knows then in it. Without it each
+    /// recording stands alone
+    #[arg(long, value_name = "FILE")]
+    evidence: Option<PathBuf>,
     /// Seed of the logger's search
     #[arg(long, default_value_t = replay::DEFAULT_SEED)]
     seed: u64,
@@ -60,6 +64,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             None
         }
     };
+    let mut evidence = match &arguments.evidence {
+        Some(path) if path.exists() => {
+            Some(std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
+        }
+        Some(path) => {
+            output::check(path)?;
+            None
+        }
+        None => None,
+    };
     let mut station = Station::new(channel::open(&arguments.via, &qemu)?);
     let (mut samples, mut passages, mut alerts) = (0, 0, 0);
     let mut last = None;
@@ -73,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             };
             super::print(&format!("{source}{open}\n"))?;
         }
-        let status = prepared.replay(&mut station, |told| match told {
+        let status = prepared.replay(&mut station, evidence.as_deref(), |told| match told {
             Told::Passage { report, start_s, end_s } => {
                 passages += 1;
                 if arguments.json {
@@ -104,6 +118,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         }
         samples += status.samples;
         last = Some(status);
+        if let Some(path) = arguments.evidence.as_ref().filter(|_| prepared.bridge.is_some()) {
+            let bytes = station.evidence()?;
+            output::write(&[(path, &bytes)])?;
+            evidence = Some(bytes.to_vec());
+        }
     }
     let Some(status) = last else { return Ok(()) };
     let rejected = u64::from(station.rejected()) + u64::from(status.rejected);
@@ -162,6 +181,11 @@ fn passage_json(
         "verdict": verdict,
         "objective": fit.map(|fit| fit.objective),
         "unexplained": fit.map(|fit| fit.unexplained),
+        "speed_kmh": fit.map(|fit| 3.6 * fit.speed_mps),
+        "entry_stream_s": fit.map(|fit| fit.entry_time_s),
+        "load_factor": fit.map(|fit| fit.load_factor),
+        "stiffness_factor": fit.map(|fit| fit.stiffness),
+        "change": fit.map(|fit| format!("{:?}", fit.change).to_lowercase()),
         "hidden": hidden.map(|permille| f64::from(permille) / 1000.0),
         "peak_mps2": peaks(Quantity::Acceleration, 1.0),
         "peak_mm": peaks(Quantity::Displacement, 1e3),
@@ -182,7 +206,15 @@ fn alert_json(alert: &Alert, start_s: f64, source: &str) -> serde_json::Value {
         "start_s": start_s,
         "damage": alert.damage_permille.iter().map(fraction).collect::<Vec<_>>(),
         "damage_std": alert.std_permille.iter().map(fraction).collect::<Vec<_>>(),
+        "damage_low": alert.low_permille.iter().map(fraction).collect::<Vec<_>>(),
+        "damage_high": alert.high_permille.iter().map(fraction).collect::<Vec<_>>(),
         "certain": super::certain_elements(alert.certain),
+        "passages": alert.passages,
+        "rival": alert.rival.as_ref().map(|rival| json!({
+            "whole_element": rival.whole,
+            "damage": rival.damage_permille.iter().map(fraction).collect::<Vec<_>>(),
+            "loses_by": rival.loses_by,
+        })),
         "objective": alert.objective,
         "objective_healthy": alert.objective_healthy,
         "forward_solves": alert.forward_solves,

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::wire::frame::Refusal;
 use spanwatch::wire::message::{
-    Answer, CHUNK_BYTES, Configuration, Event, ModelChunk, Outcome, Request, SampleBlock, Status,
+    Answer, CHUNK_BYTES, Configuration, Event, EvidenceBytes, ModelChunk, Outcome, Request, SampleBlock, Status,
 };
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
@@ -86,6 +86,22 @@ impl Station {
         Ok(())
     }
 
+    /// What all passages say of the bridge, as the logger keeps it.
+    pub fn evidence(&mut self) -> Result<EvidenceBytes> {
+        match self.ask(&Request::Evidence)? {
+            Answer::Evidence(bytes) => Ok(bytes),
+            _ => bail!("the logger answers a question with something else: is it of another version?"),
+        }
+    }
+
+    /// Lets the logger go on from what an earlier one knew of the bridge.
+    pub fn restore(&mut self, evidence: &[u8]) -> Result<()> {
+        let bytes = EvidenceBytes::try_from(evidence)
+            .ok()
+            .context("these bytes are no evidence: there are too many of them")?;
+        self.command(&Request::Restore(bytes)).map(|_| ())
+    }
+
     /// Sends samples; then waits until the logger has time for more.
     pub fn samples(&mut self, first_sample: u64, counts: &[i32]) -> Result<()> {
         let block = SampleBlock {
@@ -133,8 +149,9 @@ impl Station {
                 Outcome::Chunk => {
                     bail!("the logger refuses a piece of the bridge model: it is out of order or too long")
                 }
+                Outcome::Evidence(error) => bail!("the logger refuses the evidence: {error}"),
             },
-            Answer::Status(_) => bail!("the logger answers a request with its status: is it of another version?"),
+            _ => bail!("the logger answers a request with something else: is it of another version?"),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use spanwatch::identify::evidence::Change;
 use spanwatch::wire::message::{
     Alert, Fit, PassageReport, Quality, Quantity, Reason, Restart, Status, Trigger, Verdict,
 };
@@ -42,10 +43,26 @@ pub fn passage(report: &PassageReport, quantities: &[Quantity], start_s: f64, en
         Verdict::Damaged { fit } => write!(text, " Damage: see the alert; {}.", left(fit)),
         Verdict::NotIdentified(reason) => write!(text, " Nothing was identified: {}.", why(reason)),
     };
+    if let Verdict::Healthy { fit, .. } | Verdict::Undecided { fit, .. } | Verdict::Damaged { fit } = &report.verdict {
+        let _ = write!(text, "{}", changed(fit.change));
+    }
     if report.quality.total() > 0 {
         let _ = write!(text, " Among its samples {}.", faults(&report.quality));
     }
     text
+}
+
+/// What a passage changed in what is believed of the bridge.
+fn changed(change: Change) -> &'static str {
+    match change {
+        Change::None => "",
+        Change::Outlier => {
+            " It contradicts the passages before it and is kept apart until another one agrees: the bridge has changed, or it was \
+             another train."
+        }
+        Change::Sudden => " The bridge has changed suddenly: what was known of it before is given up.",
+        Change::Unusable => " It says nothing of any element.",
+    }
 }
 
 /// A recording in which no passage was found.
@@ -98,6 +115,11 @@ fn why(reason: &Reason) -> String {
             "the train that was announced did not enter the bridge during it, or takes longer to cross it".to_owned()
         }
         Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
+        Reason::Implausible => {
+            "the record is explained only if elements have gained stiffness, so train, speed, track or bridge are not those of \
+             the model"
+                .to_owned()
+        }
         Reason::Unexplained => {
             "no pattern of damage explains the record; check train, speed, entry time, and the node, unit and sign of \
              each channel; a rough rail can be the reason too"
@@ -127,23 +149,23 @@ pub fn faults(quality: &Quality) -> String {
 /// An alert.
 pub fn alert(alert: &Alert) -> String {
     let percent = |permille: u16| f64::from(permille) / 10.0;
-    let elements = || alert.damage_permille.iter().zip(&alert.std_permille).enumerate();
     let is_certain = |e: usize| alert.certain >> e & 1 == 1;
-    let named = |e: usize, damage: u16, std: u16| {
-        format!(
-            "element {} has lost {:.1} ± {:.1} %",
-            e + 1,
-            percent(damage),
-            2.0 * percent(std)
-        )
+    let ranges = || alert.low_permille.iter().zip(&alert.high_permille);
+    let elements = || {
+        (alert.damage_permille.iter().zip(&alert.std_permille))
+            .zip(ranges())
+            .enumerate()
+    };
+    let loss = |damage: u16, (&low, &high): (&u16, &u16)| {
+        format!("{:.1} % ({:.1} to {:.1})", percent(damage), percent(low), percent(high))
     };
     let certain: Vec<String> = elements()
         .filter(|(e, _)| is_certain(*e))
-        .map(|(e, (&damage, &std))| named(e, damage, std))
+        .map(|(e, ((&damage, _), range))| format!("element {} has lost {}", e + 1, loss(damage, range)))
         .collect();
     let possible: Vec<String> = elements()
-        .filter(|(e, (damage, std))| !is_certain(*e) && **damage >= WORTH_A_WORD_PERMILLE && *damage > *std)
-        .map(|(e, (&damage, &std))| format!("element {} {:.1} ± {:.1} %", e + 1, percent(damage), 2.0 * percent(std)))
+        .filter(|(e, ((damage, std), _))| !is_certain(*e) && **damage >= WORTH_A_WORD_PERMILLE && *damage > *std)
+        .map(|(e, ((&damage, _), range))| format!("element {} {}", e + 1, loss(damage, range)))
         .collect();
     let mut text = format!(
         "ALERT, bridge {}, passage {}: {} of its bending stiffness, beyond doubt.",
@@ -154,9 +176,20 @@ pub fn alert(alert: &Alert) -> String {
     if !possible.is_empty() {
         let _ = write!(text, " Possible, not certain: {}.", possible.join("; "));
     }
+    let _ = match alert.passages {
+        passages if passages > 1.0 => write!(text, " It rests on {passages:.0} passages; the ranges hold 95 %."),
+        _ => write!(text, " It rests on this passage alone; the ranges hold 95 %."),
+    };
+    if let Some(rival) = &alert.rival {
+        let _ = write!(
+            text,
+            " If element {} were whole, this passage would be explained worse by {:.0} standard deviations at best.",
+            rival.whole, rival.loses_by
+        );
+    }
     let _ = write!(
         text,
-        " The ranges hold two standard deviations. Without damage the misfit would be {:.0} times larger; {} forward solves.",
+        " Without damage the misfit would be {:.0} times larger; {} forward solves.",
         alert.objective_healthy / alert.objective.max(f32::MIN_POSITIVE),
         alert.forward_solves
     );
