@@ -346,6 +346,7 @@ impl Logger {
             bridge: &self.bridge,
             observation: &work.observation,
             samples: self.stream.passage_samples(),
+            free_vibration: None,
         };
         if let Some(guess) = &mut work.guess {
             let before = guess.solver_steps();

@@ -161,6 +161,7 @@ mod tests {
     #[test]
     fn a_cut_off_beyond_half_the_rate_filters_nothing() {
         let filter = AntiAlias::new(Some(600.0), 1e-3);
-        assert_eq!(filter.apply(&mut AntiAliasState::AT_REST, 3.0), 3.0);
+        let mut state = AntiAliasState::AT_REST;
+        assert_eq!(filter.apply(&mut state, 3.0), 3.0);
     }
 }

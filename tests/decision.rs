@@ -12,7 +12,7 @@ use spanwatch::logger::Logger;
 use spanwatch::wire::message::{Event, Reason, TrainKind, Verdict};
 
 fn girder50() -> Structure {
-    Structure::new(host_sim::model::shipped("girder50").expect("shipped")).expect("stands")
+    Structure::new(model::shipped("girder50").expect("shipped")).expect("stands")
 }
 
 fn prepared(name: &str) -> Prepared {

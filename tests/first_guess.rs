@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use host_sim::identification::Observed;
-use host_sim::model::Structure;
+use host_sim::model::{self, Structure};
 use host_sim::replay;
 use host_sim::simulate::{Scenario, simulate};
 use host_sim::train::TrainName;
@@ -16,7 +16,9 @@ use spanwatch::guess::{FirstGuess, Progress, Unknown};
 use spanwatch::identify::{Identification, Pass, Problem};
 use spanwatch::logger::Logger;
 use spanwatch::passage::{Kept, Stream};
-use spanwatch::wire::message::{Channel, Configuration, Event, Quantity, Reason, Traffic, TrainKind, Trigger, Verdict};
+use spanwatch::wire::message::{
+    Channel, Configuration, Event, Memory, Quantity, Reason, Traffic, TrainKind, Trigger, Verdict,
+};
 
 const LSB_MPS2: f32 = 2.338e-6;
 const LEAD_S: f64 = 3.0;
@@ -130,6 +132,7 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
         trigger: Trigger::default(),
         antialias_hz: Some(40.0),
         traffic: None,
+        memory: Memory::default(),
         seed: 1,
     };
     let mut stream = Box::new(Stream::new());
@@ -171,6 +174,7 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
             bridge: &observed.bridge,
             observation,
             samples,
+            free_vibration: None,
         };
         match first_guess.advance(&problem, &mut pass).expect("simulates") {
             Progress::More => {}

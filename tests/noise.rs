@@ -16,6 +16,7 @@ use host_sim::study::noise::{Nuisance, Point};
 use host_sim::study::relative_rms;
 use host_sim::train::SpatialTrain;
 use spanwatch::capacity::{self, ELEMENTS};
+use spanwatch::identify::estimate::Information;
 use spanwatch::interaction::simulation::LONGEST_STEP_S;
 use spanwatch::wire::message::{Ranges, TrainKind};
 
@@ -300,6 +301,7 @@ fn answer(found: Point) -> Answer {
         certain: 0b1_0001,
         explained: true,
         forward_solves: 70,
+        information: Information::ZERO,
     }
 }
 

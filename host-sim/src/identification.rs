@@ -7,14 +7,18 @@ use anyhow::{Context, Result, bail};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
+use spanwatch::capacity::ELEMENTS;
 use spanwatch::guess::{self, FirstGuess, Progress, Unknown};
+use spanwatch::identify::free_vibration::{
+    Compared, FreeVibration, SEARCHED, expected, first_free_sample, free_vibration,
+};
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Pass, Problem};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, Run, SetupError};
 use spanwatch::passage::{Passage, Stream};
 use spanwatch::train::PlanarTrain;
-use spanwatch::wire::message::Quantity;
+use spanwatch::wire::message::{Quantity, Ranges};
 
 use crate::model::reduce::reduce;
 use crate::model::{BridgeFrame, Structure};
@@ -29,6 +33,9 @@ const MICRO_BUDGET: u32 = 4000;
 pub const BEFORE_S: f64 = 1.5;
 /// What is taken of it from after the last axle has left, s: a free vibration at 3.5 Hz and 2 % damping loses nine tenths.
 pub const AFTER_S: f64 = 5.0;
+
+/// Deviations of the speed and the entry that a passage is given to end later than it seems, before the bridge counts as free.
+const LATER: f32 = 3.0;
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -184,8 +191,19 @@ pub struct Observed {
     pub samples: Vec<f32>,
     /// Index in the recording's stream of the first of them.
     pub first_sample: u64,
+    /// What the bridge does after the last of the samples, if that is to be compared, too.
+    pub tail: Option<Tail>,
     /// What the user should know of the choice of the passage.
     pub note: Option<String>,
+}
+
+/// The free vibration after a train, to be compared in place of the samples of that time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tail {
+    /// Natural frequencies and damping ratios.
+    pub vibration: FreeVibration,
+    /// Whether the damping ratios are compared, too.
+    pub damping: bool,
 }
 
 impl Observed {
@@ -226,6 +244,7 @@ impl Observed {
             observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
             samples,
             first_sample: 0,
+            tail: None,
             note: None,
         })
     }
@@ -239,6 +258,79 @@ impl Observed {
     /// # Errors
     /// The recording does not say which bridge and train, no passage is found in it, or it ends before the train has left.
     pub fn recorded(prepared: &Prepared) -> Result<Self> {
+        let (mut observed, rows) = Self::located(prepared)?;
+        observed.samples.truncate(rows * observed.problem().channels());
+        Ok(observed)
+    }
+
+    /// The passage that a recording describes until the bridge is free, and in place of the samples from there to the recording's
+    /// end the natural frequencies that they show; with `damping` the damping ratios, too.
+    ///
+    /// Where speed and entry are only roughly known, the passage is identified once with all its samples to know when that
+    /// was; `seed` is of that search.
+    ///
+    /// # Errors
+    /// As [`Self::recorded`], or no free vibration is found.
+    pub fn recorded_with_tail(prepared: &Prepared, damping: bool, seed: u64) -> Result<Self> {
+        let (mut observed, rows) = Self::located(prepared)?;
+        let first = observed.first_free(rows, seed)?;
+        observed.split_tail(first, damping).with_context(|| {
+            let (recording, rate) = (&prepared.recording, prepared.recording.rate_hz());
+            format!(
+                "{}: no free vibration is found after the train, from {:.2} s of file time to its end at {:.2} s; that takes about \
+                 a second above the noise, and frequencies within {:.0} to {:.0} % of the model's; without --free-vibration the \
+                 samples are compared instead",
+                prepared.path.display(),
+                recording.start_s + (observed.first_sample as f64 + first as f64) / rate,
+                recording.start_s + recording.duration_s(),
+                100.0 * SEARCHED[0],
+                100.0 * SEARCHED[1],
+            )
+        })?;
+        Ok(observed)
+    }
+
+    /// Index of the sample from which the bridge is free. Where speed and entry are only roughly known, the passage is identified
+    /// once with its first so many samples of each channel to know that; `seed` is of that search.
+    ///
+    /// # Errors
+    /// If the passage cannot be simulated, or the train does not leave.
+    pub fn first_free(&self, rows: usize, seed: u64) -> Result<usize> {
+        let mut located = self.observation.clone();
+        if located.ranges.speed > 0.0 || located.ranges.entry_s > 0.0 {
+            let problem = self.problem();
+            let samples = self.samples.get(..rows * problem.channels()).unwrap_or(&self.samples);
+            let found = hybrid(&Problem { samples, ..problem }, seed, &mut || ())?;
+            // What is not explained has not been located either.
+            if found.explained() {
+                let [_, speed, entry_s, _] = found.std.map(|std| LATER * std);
+                located.run = found.run;
+                located.ranges = Ranges {
+                    speed: speed.min(located.ranges.speed),
+                    entry_s: entry_s.min(located.ranges.entry_s),
+                    ..located.ranges
+                };
+            }
+        }
+        first_free_sample(&self.bridge, &located).context(SetupError::Stops)
+    }
+
+    /// Takes the natural frequencies (and damping ratios) of the samples from `first` on in their place; none if there is no free
+    /// vibration in them, and then nothing has changed.
+    pub fn split_tail(&mut self, first: usize, damping: bool) -> Option<()> {
+        let recorder = &self.observation.recorder;
+        let rate_hz = recorder.sample_rate_hz;
+        let band_hz = recorder.antialias_hz.unwrap_or(0.5 * rate_hz);
+        let modes = expected(&self.bridge, &[0.0; ELEMENTS], band_hz, SEARCHED);
+        let channels = self.problem().channels();
+        let vibration = free_vibration(self.samples.get(first * channels..)?, channels, rate_hz, &modes)?;
+        self.samples.truncate(first * channels);
+        self.tail = Some(Tail { vibration, damping });
+        Some(())
+    }
+
+    /// The passage as [`Self::recorded`] has it, but with all samples to the recording's end, and how many of them that takes.
+    fn located(prepared: &Prepared) -> Result<(Self, usize)> {
         let name = prepared.path.display();
         let missing = prepared.missing_keys();
         if !missing.is_empty() {
@@ -296,6 +388,7 @@ impl Observed {
                         bridge: &bridge,
                         observation: &observation,
                         samples: kept,
+                        free_vibration: None,
                     };
                     match first_guess.advance(&problem, &mut pass)? {
                         Progress::More => {}
@@ -341,13 +434,15 @@ impl Observed {
         let first = ((entry_s - entry_range_s - BEFORE_S).max(0.0) * rate) as usize;
         let last = (((latest + entry_range_s + AFTER_S) * rate) as usize).min(all.len() / channels);
         observation.run.entry_time_s = (entry_s - first as f64 / rate) as f32;
-        Ok(Self {
+        let observed = Self {
             bridge,
             observation,
-            samples: all[first * channels..last * channels].to_vec(),
+            samples: all[first * channels..].to_vec(),
             first_sample: first as u64,
+            tail: None,
             note,
-        })
+        };
+        Ok((observed, last - first))
     }
 
     /// Identifies with the logger's search.
@@ -364,6 +459,10 @@ impl Observed {
             bridge: &self.bridge,
             observation: &self.observation,
             samples: &self.samples,
+            free_vibration: self.tail.as_ref().map(|tail| Compared {
+                vibration: &tail.vibration,
+                damping: tail.damping,
+            }),
         }
     }
 

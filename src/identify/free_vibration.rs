@@ -13,8 +13,9 @@
 //! bridge model for a damage pattern, with exact derivatives, as rows for a least-squares sum.
 //!
 //! **Not twice.** These rows and the tail's samples in a comparison of accelerations are the same information. Who adds
-//! the rows must end that comparison where the tail begins, or take the frequencies from a later stretch of the tail
-//! than the samples that are compared; else the result looks surer than it is.
+//! the rows ([`Compared`]) must end that comparison where the tail begins ([`first_free_sample`]), or take the
+//! frequencies from a later stretch of the tail than the samples that are compared; else the result looks surer than it
+//! is.
 //!
 //! **What it cannot tell.**
 //! - One frequency is one equation: the first is lowered by 30 % in one element as by less in its neighbours and, on a
@@ -81,6 +82,9 @@ const LARGEST_DEVIATION: f32 = 0.02;
 /// for noise, and the closer, the less it is: at 4/5 it moved a frequency by five deviations, at girder50's 5/9 it is
 /// not seen.
 const ALONE: f32 = 2.0 / 3.0;
+/// What the model's frequency is at best worth, as a part of itself. No bridge keeps to its model more closely; and in
+/// `f32` sums, rows that are stronger still would drown what the samples say of all that leaves the frequency as it is.
+const FINEST: f32 = 5e-5;
 /// Damping that is not this many standard deviations from zero is no sign of a free vibration; a machine hums so.
 const DECAYS: f32 = 2.0;
 
@@ -118,6 +122,15 @@ pub struct ModeEstimate {
 pub struct FreeVibration {
     /// One for each.
     pub modes: Vec<ModeEstimate, TAIL_MODES>,
+}
+
+/// A free vibration that an identification compares with the model's, besides its samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Compared<'a> {
+    /// As it was found. The samples must end where its tail begins.
+    pub vibration: &'a FreeVibration,
+    /// Whether the damping ratios are compared, too. The model's damping is then taken for the bridge's own.
+    pub damping: bool,
 }
 
 /// One row of a least-squares sum: a measured quantity against the model's, all in standard deviations of the measured
@@ -201,17 +214,21 @@ pub fn expected(
 }
 
 /// Index of the first sample after the last axle has left and the recorder's filter has forgotten it: where the tail
-/// begins. None if the train does not leave.
+/// begins. Where speed and entry are not known, the last axle is as late as their ranges say. None if the train does
+/// not leave.
 pub fn first_free_sample(bridge: &ReducedBridge<f32>, observation: &Observation<f32>) -> Option<usize> {
     let way_m = observation.cars.train().length_m() + bridge.path.length_m();
-    let left_s = observation.run.time_at_s(way_m)?;
+    let mut latest = observation.run;
+    latest.speed_mps *= 1.0 - observation.ranges.speed;
+    latest.entry_time_s += observation.ranges.entry_s;
+    let left_s = latest.time_at_s(way_m)?;
     let forgotten_s = observation.recorder.antialias_hz.map_or(0.0, |hz| FILTER_CYCLES / hz);
     // A cast rounds down; the sample at or after that moment is wanted.
     Some(((left_s + forgotten_s) * observation.recorder.sample_rate_hz) as usize + 1)
 }
 
-/// The free vibration in `tail`: accelerations, channel after channel within a sample, not-a-number where there is
-/// none, a constant offset allowed. The modes that are looked for are `expected`, ascending. None if no mode can be
+/// The free vibration in `tail`: accelerations or displacements, channel after channel within a sample, not-a-number
+/// where there is none, a constant offset allowed. The modes that are looked for are `expected`, ascending. None if no mode can be
 /// told.
 ///
 /// The standard deviations hold for noise that is independent from channel to channel; its spectrum need not be flat.
@@ -253,10 +270,8 @@ impl FreeVibration {
     ) -> Vec<Term, TAIL_MODES> {
         self.terms(bridge, damage, factors, |found, model| {
             let hz = core::f32::consts::TAU.recip();
-            (
-                [found.frequency_hz, found.frequency_std_hz],
-                [model.omega * hz, hz, 0.0],
-            )
+            let std_hz = found.frequency_std_hz.max(FINEST * found.frequency_hz);
+            ([found.frequency_hz, std_hz], [model.omega * hz, hz, 0.0])
         })
     }
 

@@ -25,7 +25,7 @@ use super::CodeSearch;
 use super::code::DamageCode;
 use super::estimate::{Estimate, Information, TOLD_APART};
 use super::micro_ga::MicroGa;
-use super::objective::{EXPLAINED, Problem, Squares};
+use super::objective::{EXPLAINED, Problem, Squares, Terms};
 use super::pass::{Alignment, Comparison, Found, MOST_SHIFTS, Pass, Shifts};
 use super::refine::{Refinement, Stop, Want};
 use super::unknowns::{Limits, Theta, hypothesis, losses, with_losses};
@@ -301,8 +301,14 @@ impl Hybrid {
             (Stage::Search, Found::Comparison(comparison)) => self.hear_pattern(problem, comparison),
             (Stage::Settle | Stage::Descend | Stage::Doubt, found) => {
                 let stop = match (&mut self.descent, found) {
-                    (Some(descent), Found::Comparison(comparison)) => descent.told(&comparison.residuals),
-                    (Some(descent), Found::Normal(normal)) => descent.told_normal(normal),
+                    (Some(descent), Found::Comparison(comparison)) => {
+                        let terms = terms(problem, self.stage, descent);
+                        descent.told(&comparison.residuals, &terms)
+                    }
+                    (Some(descent), Found::Normal(normal)) => {
+                        let terms = terms(problem, self.stage, descent);
+                        descent.told_normal(normal, &terms)
+                    }
                     _ => Some(Stop::NoProgress),
                 };
                 let spent = self.spent().then_some(Stop::Budget);
@@ -463,10 +469,11 @@ impl Hybrid {
     }
 
     fn identification(&self, problem: &Problem<'_>, descent: &Refinement, correlation_time: f32) -> Identification {
-        let information = descent.information(correlation_time);
+        let terms = problem.terms(descent.linearised());
+        let information = descent.information(correlation_time, &terms);
         let damage = losses(descent.best());
         let hypothesis = hypothesis(descent.best(), problem.observation);
-        let (deviations, free) = (descent.deviations(correlation_time), descent.free());
+        let (deviations, free) = (descent.deviations(correlation_time, &terms), descent.free());
         Identification {
             estimate: Estimate {
                 damage,
@@ -514,6 +521,7 @@ impl Hybrid {
             worse += prior * (rival * rival - best * best);
         }
         worse /= answer.correlation_time;
+        worse += problem.terms(descent.best()).squares() - problem.terms(&answer.theta).squares();
         if worse < 0.0 && self.round < ROUNDS {
             // It is the better explanation: what was found was not the bottom.
             self.round += 1;
@@ -550,4 +558,14 @@ impl Hybrid {
 fn solve(problem: &Problem<'_>) -> u64 {
     let samples = problem.recorded().len() as u64;
     (10 * samples * u64::from(problem.observation.recorder.steps_per_sample)).max(1)
+}
+
+/// What the free vibration says of the point that the descent has asked for.
+fn terms(problem: &Problem<'_>, stage: Stage, descent: &Refinement) -> Terms {
+    if stage == Stage::Settle {
+        // Before damage has been looked for, a frequency that is low says nothing of the whole bridge.
+        return Terms::NONE;
+    }
+    let (Want::Probe(theta) | Want::Linearise(theta)) = descent.wants();
+    problem.terms(&theta)
 }

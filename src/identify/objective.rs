@@ -9,9 +9,26 @@
 //! accelerations and displacements, good sensors and poor ones can be told at once. The noise is not known beforehand: its
 //! variance is the mean square of what the best hypothesis so far leaves, which makes the minimum that of the
 //! likelihood with unknown variances, `sum_c n_c ln(sum_i (f_ic - f*_ic)^2)`.
+//!
+//! What the bridge did after the train had left can stand for the samples of that time, as natural frequencies (and damping
+//! ratios) that are known to a stated deviation: [`Terms`].
+//!
+//! ```text
+//! Q = chi^2 + sum_k ((fn_k - fn*_k) / std_k)^2 [+ the same of xi_k]                                    k the tail's modes
+//! ```
+//!
+//! Their weights are given, not estimated: they count as they stand whatever the samples leave. The genetic search does without them.
+//! Its codes are a tenth apart, a frequency is known to a ten-thousandth: of codes it would choose the one whose rounding happens to
+//! suit the frequency.
 
+use heapless::Vec;
+
+use super::free_vibration::{Compared, Factors, TAIL_MODES, Term};
+use super::quadratic::Quadratic;
+use super::unknowns::{Theta, losses};
 use crate::bridge::{Damage, ReducedBridge};
-use crate::capacity::{CHANNELS, MODES};
+use crate::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
+use crate::interaction::sensitivity::STIFFNESS;
 use crate::interaction::{Hypothesis, Observation, SetupError, Simulation};
 
 /// Part of a channel's power that counts as its noise at least: the square of what `f32` and the step leave in the
@@ -27,6 +44,17 @@ pub struct Problem<'a> {
     pub observation: &'a Observation<f32>,
     /// What was recorded, m/s² (m), channel after channel within a sample; not-a-number where there is none.
     pub samples: &'a [f32],
+    /// What the bridge did after the last of these samples, if that is to be compared, too.
+    pub free_vibration: Option<Compared<'a>>,
+}
+
+/// The rows that a free vibration adds to `Q` at one `theta`, in units of their deviations.
+///
+/// 360 bytes; to be passed by reference.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Terms {
+    /// Of the frequencies, then of the damping ratios.
+    pub rows: Vec<Term, { 2 * TAIL_MODES }>,
 }
 
 /// Sums of squares over the recorded samples of each channel.
@@ -80,8 +108,8 @@ impl Squares {
     /// The weighted sum.
     pub fn weighted(&self, weights: &[f32; CHANNELS]) -> f32 {
         let mut sum = 0.0;
-        for c in 0..CHANNELS {
-            sum += self.sum[c] * weights[c];
+        for (square, weight) in self.sum.iter().zip(weights) {
+            sum += square * weight;
         }
         sum
     }
@@ -92,6 +120,44 @@ impl Squares {
         self.weighted(&weights) / power.values()
     }
 }
+
+impl Terms {
+    /// No free vibration is compared.
+    pub const NONE: Self = Self { rows: Vec::new() };
+
+    /// Their sum of squares.
+    pub fn squares(&self) -> f32 {
+        self.rows.iter().map(|row| row.residual * row.residual).sum()
+    }
+
+    /// Adds `part` of `S^T S` and `S^T (s + S from)` to the normal equations of the unknowns that are `free`: for a step from the
+    /// terms' own `theta`, `from` is 0; for `theta` itself, it is that `theta`.
+    pub fn add_to(&self, normal: &mut Quadratic<UNKNOWNS>, free: &[bool; UNKNOWNS], part: f32, from: &Theta) {
+        for term in &self.rows {
+            let mut row = Theta::zeros();
+            for (slope, &by) in row.iter_mut().zip(&term.by_flexibility) {
+                *slope = by;
+            }
+            row[STIFFNESS] = term.by_stiffness;
+            for (slope, &free) in row.iter_mut().zip(free) {
+                if !free {
+                    *slope = 0.0;
+                }
+            }
+            let residual = term.residual + row.dot(from);
+            for j in (0..=STIFFNESS).filter(|&j| row[j] != 0.0) {
+                let left = part * row[j];
+                normal.vector[j] += left * residual;
+                for i in 0..=STIFFNESS {
+                    normal.matrix[(i, j)] += left * row[i];
+                }
+            }
+        }
+    }
+}
+
+// How a train runs does not move the bridge's own frequencies: these columns are zero.
+const _: () = assert!(STIFFNESS == ELEMENTS && STIFFNESS < UNKNOWNS);
 
 impl<'a> Problem<'a> {
     /// The recorded samples, one slice of channels each.
@@ -116,6 +182,33 @@ impl<'a> Problem<'a> {
     /// Simulates the passage by a hypothesis: one forward solve, as an endless row of samples.
     pub fn simulate(&self, hypothesis: &Hypothesis<f32>) -> Result<Simulation<f32, MODES>, SetupError> {
         Simulation::new(self.bridge, hypothesis, self.observation)
+    }
+
+    /// What the free vibration says of `theta`: an eigenproblem for each kind of quantity, a thousandth of a forward solve.
+    // Not inlined: the eigenproblem's 7 KB need not stand on the stack of who asks.
+    #[inline(never)]
+    pub fn terms(&self, theta: &Theta) -> Terms {
+        let mut terms = Terms::NONE;
+        let Some(Compared { vibration, damping }) = self.free_vibration else {
+            return terms;
+        };
+        let (damage, factors) = (
+            losses(theta),
+            Factors {
+                stiffness: 1.0 + theta[STIFFNESS],
+                ..Factors::default()
+            },
+        );
+        // There is room for every mode, twice.
+        let _ = terms
+            .rows
+            .extend_from_slice(&vibration.frequency_terms(self.bridge, &damage, factors));
+        if damping {
+            let _ = terms
+                .rows
+                .extend_from_slice(&vibration.damping_terms(self.bridge, &damage, factors));
+        }
+        terms
     }
 
     /// [`OBJ`](self) of a damage pattern, with the train as it is expected: one forward solve.

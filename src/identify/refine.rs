@@ -1,21 +1,23 @@
 //! From a basin to its bottom: damped Gauss-Newton within bounds.
 //!
 //! ```text
-//! minimise Q(theta) = sum_c w_c |r_c|^2 + sum_i theta_i^2 / range_i^2,   r = recorded - simulated(theta),  lower <= theta <= upper
-//! (A + mu diag A) step = J^T W r - P theta,   A = J^T W J + P,   J = d simulated / d theta       (Levenberg, Marquardt)
+//! minimise Q(theta) = sum_c w_c |r_c|^2 + |s|^2 + sum_i theta_i^2 / range_i^2,   lower <= theta <= upper
+//! (A + mu diag A) step = J^T W r + S^T s - P theta,   A = J^T W J + S^T S + P             (Levenberg, Marquardt)
+//!
+//! r = recorded - simulated(theta),  J = d simulated / d theta;   s, S the same of the free vibration, in its deviations (Terms)
 //! ```
 //!
 //! Each step is the exact minimum of that quadratic within the bounds ([`Quadratic`]). The weights `w_c` of the channels
 //! follow the residuals: they are set anew where the descent is linearised.
 //!
 //! The descent itself simulates nothing. It says what it wants to know ([`Refinement::wants`]), a probe or the normal
-//! equations at some `theta`, and is told. Normal equations cost several forward solves and are wanted only where a probe has
+//! equations at some `theta`, and is told, with the [`Terms`] of that `theta`. Normal equations cost several forward solves and are wanted only where a probe has
 //! shown that the step is a good one.
 
 use nalgebra::SMatrix;
 
 use super::estimate::Information;
-use super::objective::{EXPLAINED, Squares};
+use super::objective::{EXPLAINED, Squares, Terms};
 use super::pass::Normal;
 use super::quadratic::Quadratic;
 use super::unknowns::{Limits, Theta, losses};
@@ -33,6 +35,8 @@ const SMALL_GAIN: f32 = 0.02;
 const DAMPING: [f32; 3] = [1e-3, 1e-6, 1e3];
 /// A rejected step multiplies the damping by this, one that kept its promise divides by it.
 const DAMPING_FACTOR: f32 = 10.0;
+/// Sum of squares of terms that are as good as satisfied.
+const MET: f32 = 1e-2;
 /// A step keeps its promise if `Q` falls by this part of what the linear model said.
 const PROMISE: f32 = 0.5;
 
@@ -73,7 +77,7 @@ pub struct Refinement {
     best: Theta,
     residuals: Squares,
     q: f32,
-    /// The normal equations at the best point, or at the one before, if only a negligible step lies between.
+    /// The normal equations at the best point, or at the one before, if only a negligible step lies between; terms included.
     normal: Quadratic<UNKNOWNS>,
     /// Where they were set up.
     linearised: Theta,
@@ -124,12 +128,17 @@ impl Refinement {
         &self.residuals
     }
 
-    /// Takes the residuals of the point that it wanted to probe; tells why it was the last, if it was.
-    pub fn told(&mut self, residuals: &Squares) -> Option<Stop> {
+    /// Where the normal equations were set up that [`Self::information`] is of.
+    pub fn linearised(&self) -> &Theta {
+        &self.linearised
+    }
+
+    /// Takes the residuals and the terms of the point that it wanted to probe; tells why it was the last, if it was.
+    pub fn told(&mut self, residuals: &Squares, terms: &Terms) -> Option<Stop> {
         let Want::Probe(trial) = self.want else {
             return Some(Stop::NoProgress);
         };
-        let q = self.objective(&trial, residuals);
+        let q = self.objective(&trial, residuals, terms);
         let fall = self.q - q;
         if fall.is_nan() || fall <= 0.0 {
             self.damping *= DAMPING_FACTOR;
@@ -146,7 +155,7 @@ impl Refinement {
         self.best = trial;
         self.residuals = *residuals;
         self.q = q;
-        if negligible || self.explained() {
+        if negligible || self.explained(terms) {
             return Some(Stop::Converged);
         }
         self.weights = residuals.weights(&self.power);
@@ -154,8 +163,8 @@ impl Refinement {
         None
     }
 
-    /// Takes the normal equations that it wanted; tells why they were the last, if they were.
-    pub fn told_normal(&mut self, normal: &Normal) -> Option<Stop> {
+    /// Takes the normal equations and the terms of the point that it wanted; tells why they were the last, if they were.
+    pub fn told_normal(&mut self, normal: &Normal, terms: &Terms) -> Option<Stop> {
         self.best = normal.theta;
         self.linearised = normal.theta;
         self.residuals = normal.residuals;
@@ -164,24 +173,25 @@ impl Refinement {
             vector: normal.vector,
         }
         .mirrored();
-        self.q = self.objective(&normal.theta, &normal.residuals);
-        if self.explained() {
+        terms.add_to(&mut self.normal, &self.limits.free(), 1.0, &Theta::zeros());
+        self.q = self.objective(&normal.theta, &normal.residuals, terms);
+        if self.explained(terms) {
             return Some(Stop::Converged);
         }
         self.aim()
     }
 
     /// `Q`.
-    fn objective(&self, theta: &Theta, residuals: &Squares) -> f32 {
-        let mut q = residuals.weighted(&self.weights);
+    fn objective(&self, theta: &Theta, residuals: &Squares, terms: &Terms) -> f32 {
+        let mut q = residuals.weighted(&self.weights) + terms.squares();
         for (&value, &prior) in theta.iter().zip(&self.limits.prior) {
             q += prior * value * value;
         }
         q
     }
 
-    fn explained(&self) -> bool {
-        self.residuals.unexplained(&self.power) < EXPLAINED
+    fn explained(&self, terms: &Terms) -> bool {
+        self.residuals.unexplained(&self.power) < EXPLAINED && terms.squares() < MET
     }
 
     /// Chooses the next trial point from the best one; tells if there is none.
@@ -212,12 +222,13 @@ impl Refinement {
     }
 
     /// What the passage says of the elements' flexibilities, whatever the other unknowns are; the residuals say as much as
-    /// one independent value each `correlation_time`.
+    /// one independent value each `correlation_time`, and `terms` are those at [`Self::linearised`].
     ///
     /// The other unknowns are eliminated (Schur's complement). The residuals' variance is their mean square where the
-    /// normal equations were set up, enlarged by `n / (n - free unknowns)` for what the unknowns have explained of it.
-    pub fn information(&self, correlation_time: f32) -> Information {
-        let mut all = self.whole(correlation_time);
+    /// normal equations were set up, enlarged by `n / (n - free unknowns)` for what the unknowns have explained of it. The
+    /// terms know their own deviations and count in full.
+    pub fn information(&self, correlation_time: f32, terms: &Terms) -> Information {
+        let mut all = self.whole(correlation_time, terms);
         for n in ELEMENTS..UNKNOWNS {
             let pivot = all.matrix[(n, n)];
             if pivot <= 0.0 {
@@ -239,15 +250,15 @@ impl Refinement {
     }
 
     /// Standard deviation of each unknown, all others unknown.
-    pub fn deviations(&self, correlation_time: f32) -> Theta {
-        let variances = self.whole(correlation_time).variances();
+    pub fn deviations(&self, correlation_time: f32, terms: &Terms) -> Theta {
+        let variances = self.whole(correlation_time, terms).variances();
         variances.map_or(Theta::repeat(f32::INFINITY), |variances| {
             variances.map(crate::math::sqrt)
         })
     }
 
     /// The information of all unknowns, priors included.
-    fn whole(&self, correlation_time: f32) -> Quadratic<UNKNOWNS> {
+    fn whole(&self, correlation_time: f32, terms: &Terms) -> Quadratic<UNKNOWNS> {
         let free = self.free();
         let unknowns = free.iter().filter(|&&free| free).count() as f32;
         let values = self.power.values();
@@ -258,6 +269,8 @@ impl Refinement {
             matrix: self.normal.matrix * scale,
             vector: about_zero * scale,
         };
+        // The terms were scaled with the rest: this is what is missing of them.
+        terms.add_to(&mut all, &free, 1.0 - scale, &self.linearised);
         for i in 0..UNKNOWNS {
             all.matrix[(i, i)] += self.limits.prior[i];
         }

@@ -180,8 +180,8 @@ impl<T: Real, const M: usize> Tangent<T, M> {
             substitute(&coupling.matrix, &mut force);
         }
         self.acceleration = force;
-        for k in 0..M {
-            self.position[k] += base.modes.beta_h2[k] * force[k];
+        for (k, &acceleration) in force.iter().enumerate() {
+            self.position[k] += base.modes.beta_h2[k] * acceleration;
         }
         add_scaled(&mut self.velocity, half_h, &force);
 

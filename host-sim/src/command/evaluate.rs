@@ -12,7 +12,7 @@ use host_sim::picture::{chart, estimates};
 use host_sim::study::noise::field::Field;
 use host_sim::study::noise::fusion::{self, Traffic};
 use host_sim::study::noise::{self, Nuisance};
-use host_sim::study::{accuracy, node_maxima, precision};
+use host_sim::study::{accuracy, node_maxima, precision, sources};
 use host_sim::{model, output, terminal};
 use spanwatch::capacity::CHANNELS;
 use spanwatch::identify::paper_ga;
@@ -32,6 +32,8 @@ pub(super) enum Command {
     Paper(Paper),
     /// Monte Carlo of the paper's cases with noise: how far identifications are off, and how far they must be
     Noise(Noise),
+    /// What each kind of measurement adds: samples or natural frequencies after the train, displacements, more sensors
+    Sources(Sources),
     /// Compare time integrations by the error of the recorder's signal and their work
     Accuracy {
         /// Existing folder that the picture is written into, too
@@ -109,6 +111,31 @@ pub(super) struct Noise {
     svg: Option<PathBuf>,
 }
 
+#[derive(Debug, Args)]
+pub(super) struct Sources {
+    /// Trains of the cases, as 2dof,3d
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "inspection-2dof,shinkansen-3d",
+        value_name = "TRAINS"
+    )]
+    train: Vec<CaseTrain>,
+    /// Cases, as 1,7
+    #[arg(long, value_delimiter = ',', default_value = "1", value_name = "NUMBERS")]
+    cases: Vec<u32>,
+    /// Part of its stiffness that every element has lost besides, so that none lies at a bound of what an estimate can be
+    #[arg(long, default_value_t = 0.0, value_name = "PART")]
+    wear: f64,
+    /// Identifications of each source; their seeds are 1, 2, ..; 0: the bounds alone
+    #[arg(long, default_value_t = 10)]
+    seeds: u32,
+    /// Print one JSON array in place of the tables
+    #[arg(long)]
+    json: bool,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Campaign {
     /// White noise and rounding only
@@ -171,6 +198,7 @@ pub(super) fn run(command: &Command) -> Result<()> {
     match command {
         Command::Paper(arguments) => paper(arguments),
         Command::Noise(arguments) => noise(arguments),
+        Command::Sources(arguments) => compare_sources(arguments),
         Command::Accuracy { out } => accuracy(out.as_deref()),
         Command::Precision => print(&precision::table(&precision::rows()?)),
         Command::Table4 => print(&node_maxima::table(&node_maxima::solve()?)),
@@ -222,6 +250,35 @@ fn numbered(numbers: &[u32], train: TrainKind) -> Result<Vec<Case>> {
     numbers.iter().map(|&number| Case::numbered(number, train)).collect()
 }
 
+fn check_wear(wear: f64) -> Result<()> {
+    if !(0.0..=MOST_WEAR).contains(&wear) {
+        bail!("--wear must be 0 to {MOST_WEAR}, not {wear}");
+    }
+    Ok(())
+}
+
+fn compare_sources(arguments: &Sources) -> Result<()> {
+    check_wear(arguments.wear)?;
+    let plan = sources::Plan {
+        cases: (arguments.train.iter())
+            .map(|&train| numbered(&arguments.cases, train.into()))
+            .collect::<Result<Vec<_>>>()?
+            .concat(),
+        wear: arguments.wear,
+        seeds: arguments.seeds,
+    };
+    let passages = 2 * plan.cases.len() as u64 * u64::from(plan.seeds);
+    let bar = terminal::progress(passages, "identifying");
+    let rows = sources::run(&model::shipped("girder50")?, &plan, &|| bar.inc(1));
+    bar.finish_and_clear();
+    let rows = rows?;
+    if arguments.json {
+        print_json(&sources::json(&rows))
+    } else {
+        print(&sources::table(&rows))
+    }
+}
+
 fn noise(arguments: &Noise) -> Result<()> {
     if arguments.seeds == 0 {
         bail!("--seeds must be at least 1");
@@ -229,9 +286,7 @@ fn noise(arguments: &Noise) -> Result<()> {
     if let Some(part) = (arguments.noise.iter()).find(|part| !(part.is_finite() && **part > 0.0)) {
         bail!("--noise must be positive numbers, not {part}");
     }
-    if !(0.0..=MOST_WEAR).contains(&arguments.wear) {
-        bail!("--wear must be 0 to {MOST_WEAR}, not {}", arguments.wear);
-    }
+    check_wear(arguments.wear)?;
     let fusion = arguments.campaign == Campaign::Fusion;
     if let Some(path) = &arguments.svg {
         if fusion {

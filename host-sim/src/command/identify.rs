@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
-use host_sim::identification::{Found, Known, Method, Observed, search};
+use host_sim::identification::{self, Found, Known, Method, Observed, search};
 use host_sim::replay::{self, Prepared};
 use host_sim::station::words;
 use host_sim::terminal;
@@ -18,6 +18,16 @@ enum Search {
     Hybrid,
     /// The paper's genetic algorithm (population 50, up to 1000 generations)
     PaperGa,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Tail {
+    /// Nothing: its samples are compared with the rest
+    None,
+    /// The natural frequencies
+    Frequencies,
+    /// The natural frequencies and the damping ratios
+    FrequenciesAndDamping,
 }
 
 #[derive(Debug, Args)]
@@ -34,6 +44,9 @@ pub(super) struct Arguments {
     /// The bridge, where it is not the one that the recording names: a name or a bridge file NAME.toml
     #[arg(long)]
     bridge: Option<String>,
+    /// What is compared of the free vibration after the train, in place of its samples
+    #[arg(long, value_enum, default_value_t = Tail::None)]
+    free_vibration: Tail,
     /// One JSON object instead of sentences
     #[arg(long)]
     json: bool,
@@ -41,7 +54,14 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let prepared = replay::prepare(&arguments.recording, arguments.bridge.as_deref(), arguments.seed)?;
-    let observed = Observed::recorded(&prepared)?;
+    if arguments.free_vibration != Tail::None && arguments.method != Search::Hybrid {
+        bail!("--free-vibration goes with --method hybrid: the paper's search compares samples only");
+    }
+    let damping = arguments.free_vibration == Tail::FrequenciesAndDamping;
+    let observed = match arguments.free_vibration {
+        Tail::None => Observed::recorded(&prepared)?,
+        _ => Observed::recorded_with_tail(&prepared, damping, arguments.seed)?,
+    };
     if let Some(note) = &observed.note {
         eprintln!("note: {note}");
     }
@@ -148,7 +168,42 @@ fn as_json(found: &Found, prepared: &Prepared, observed: &Observed) -> serde_jso
         "converged": found.converged,
         "certain": super::certain_elements(found.certain),
         "explained": found.explained,
+        "free_vibration": observed.tail.as_ref().map(free_vibration_json),
     })
+}
+
+fn free_vibration_json(tail: &identification::Tail) -> serde_json::Value {
+    let modes = tail.vibration.modes.iter().map(|mode| {
+        json!({
+            "mode": mode.mode + 1,
+            "frequency_hz": mode.frequency_hz,
+            "std_hz": mode.frequency_std_hz,
+            "damping_ratio": mode.damping_ratio,
+            "damping_ratio_std": mode.damping_ratio_std,
+        })
+    });
+    modes.collect()
+}
+
+/// What was found of the bridge's own vibration after the train, a line a mode.
+fn free_vibration_in_words(tail: &identification::Tail) -> String {
+    let compared = match tail.damping {
+        true => "natural frequencies and damping ratios",
+        false => "natural frequencies",
+    };
+    let mut text = format!("Free vibration after the train, compared by its {compared} in place of its samples:\n");
+    for mode in &tail.vibration.modes {
+        let _ = writeln!(
+            text,
+            "   mode {}  fn {:.4} Hz ± {:.4},  xi {:.3} % ± {:.3}",
+            mode.mode + 1,
+            mode.frequency_hz,
+            2.0 * mode.frequency_std_hz,
+            100.0 * mode.damping_ratio,
+            200.0 * mode.damping_ratio_std
+        );
+    }
+    text
 }
 
 fn in_words(found: &Found, prepared: &Prepared, observed: &Observed) -> String {
@@ -160,7 +215,11 @@ fn in_words(found: &Found, prepared: &Prepared, observed: &Observed) -> String {
             run_in_words(found, prepared, observed)
         );
     }
-    let mut text = run_in_words(found, prepared, observed) + "element  loss of bending stiffness\n";
+    let mut text = run_in_words(found, prepared, observed);
+    if let Some(tail) = &observed.tail {
+        text += &free_vibration_in_words(tail);
+    }
+    text += "element  loss of bending stiffness\n";
     for e in 0..observed.bridge.elements {
         let _ = write!(text, "{:>7}  {:5.1} %", e + 1, 100.0 * found.damage[e]);
         match &found.std {

@@ -5,6 +5,7 @@ pub mod accuracy;
 pub mod node_maxima;
 pub mod noise;
 pub mod precision;
+pub mod sources;
 
 /// Root of the sum of squares of the difference of two signals over that of the second, over all channels together.
 ///

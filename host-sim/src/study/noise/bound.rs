@@ -157,7 +157,7 @@ impl Point {
 }
 
 /// Standard deviation of what is known of an unknown before; 0: it is held; none for damage, of which nothing is known.
-fn prior(ranges: &Ranges, unknown: usize) -> Option<f64> {
+pub fn prior(ranges: &Ranges, unknown: usize) -> Option<f64> {
     let of = [ranges.stiffness, ranges.speed, ranges.entry_s, ranges.load];
     unknown.checked_sub(ELEMENTS).map(|k| f64::from(of[k]))
 }
