@@ -440,7 +440,7 @@ mod tests {
             estimate: information.estimate(GIRDER),
             information,
             code: DamageCode::nearest(&damage),
-            run: Run::steady(20.0, 1.0),
+            run: Run::at(20.0),
             stiffness: 1.0,
             std: [0.0; 4],
             objective: 1e-6,
