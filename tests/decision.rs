@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use host_sim::evaluate::{Case, Signal};
-use host_sim::identification::{Known, Method, Observed, search};
+use host_sim::identification::Observed;
 use host_sim::model::{self, Structure};
 use host_sim::replay::{self, Prepared};
 use host_sim::simulate::{Scenario, simulate};
@@ -181,10 +181,10 @@ fn small_errors_of_time_and_speed_are_not_taken_for_damage() {
         let mut observed = Observed::simulated(&girder50().bridge, &scenario).expect("simulates");
         observed.observation.run.speed_mps = (told_kmh / 3.6) as f32;
         observed.observation.run.entry_time_s += late_s;
-        let known = Known::default();
-        let found = search(&observed.problem(), Method::Hybrid, 1, 0.0, &known, &mut |_| ()).expect("a search");
+        let found = observed.identify(1).expect("a search");
         assert_eq!(
-            found.certain, 0,
+            found.certain(),
+            0,
             "{cars} cars at {speed_kmh} km/h, told {told_kmh}, {late_s} s late: {found:?}"
         );
     }

@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use host_sim::identification::Observed;
-use host_sim::model::{self, Structure};
+use host_sim::model::Structure;
 use host_sim::replay;
 use host_sim::simulate::{Scenario, simulate};
 use host_sim::train::TrainName;

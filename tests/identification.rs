@@ -758,7 +758,7 @@ fn damage_is_found_in_the_history_of_an_independent_program() {
             &mut |_| (),
         )
         .expect("a search");
-        for (e, &loss) in found.damage.iter().enumerate() {
+        for (e, &loss) in found.damage().iter().enumerate() {
             let truth = match e {
                 0 => truth[0],
                 4 => truth[1],

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use spanwatch::bridge::Damage;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::DamageCode;
+use spanwatch::identify::refine::Stop;
 use spanwatch::interaction::simulation::LONGEST_STEP_S;
 use spanwatch::wire::message::TrainKind;
 
@@ -14,6 +15,7 @@ use crate::batch;
 use crate::identification::{Found, Known, Method, Observed, search};
 use crate::model::BridgeFrame;
 use crate::simulate::Scenario;
+use crate::station::words::identification as words;
 use crate::train::TrainName;
 
 /// A case of the paper's Tables 6 to 8.
@@ -169,6 +171,28 @@ impl Row {
             .map_or(DamageCode::default(), |found| found.code)
     }
 
+    /// Searches of the logger's kind that ended for that reason.
+    fn stopped(&self, stop: Stop) -> usize {
+        let identifications = self.found.iter().filter_map(|found| found.identification);
+        identifications.filter(|found| found.stop == stop).count()
+    }
+
+    /// Why they ended: `converged`, or `18 converged, 2 budget`.
+    fn ended(&self) -> String {
+        let parts: Vec<(usize, &str)> = [Stop::Converged, Stop::NoProgress, Stop::Budget]
+            .map(|stop| (self.stopped(stop), words::stop(stop)))
+            .into_iter()
+            .filter(|&(count, _)| count > 0)
+            .collect();
+        match parts.as_slice() {
+            [(_, word)] => (*word).to_owned(),
+            parts => {
+                let told: Vec<String> = parts.iter().map(|(count, word)| format!("{count} {word}")).collect();
+                told.join(", ")
+            }
+        }
+    }
+
     /// Median and worst of a number over the seeds.
     fn spread<N: Copy + PartialOrd>(&self, of: impl Fn(&Found) -> N) -> Option<(N, N)> {
         median_and_worst(self.found.iter().map(of).collect())
@@ -244,24 +268,31 @@ fn damaged_by_code(code: DamageCode) -> String {
 
 /// The rows as a table, a method after the other, in Markdown.
 pub fn table(rows: &[Row]) -> String {
-    let heads = [
-        "case",
-        "km/h",
-        "cars",
-        "true, %",
-        "found, %",
-        "right",
-        "generations",
-        "code since",
-        "paper's",
-        "forward solves",
-        "misfit",
-        "of nearest",
-        "seconds",
-    ];
+    let heads = |method| {
+        [
+            "case",
+            "km/h",
+            "cars",
+            "true, %",
+            "found, %",
+            "right",
+            "generations",
+            if method == Method::Hybrid {
+                "ended"
+            } else {
+                "code since"
+            },
+            "paper's",
+            "forward solves",
+            "misfit",
+            "of nearest",
+            "seconds",
+        ]
+    };
     let mut text = String::new();
     for group in rows.chunk_by(|a, b| a.method == b.method) {
-        let mut lines = vec![heads.map(String::from)];
+        let method = group.first().map_or(Method::Hybrid, |row| row.method);
+        let mut lines = vec![heads(method).map(String::from)];
         for row in group {
             let case = &row.case;
             let pair = |spread: Option<(u32, u32)>| spread.map_or_else(String::new, |(m, w)| format!("{m} / {w}"));
@@ -274,7 +305,11 @@ pub fn table(rows: &[Row]) -> String {
                 damaged_by_code(row.code()),
                 format!("{} of {}", row.right(), row.found.len()),
                 pair(row.spread(|found| found.generations)),
-                pair(row.spread(|found| found.best_since)),
+                if method == Method::Hybrid {
+                    row.ended()
+                } else {
+                    pair(row.spread(|found| found.best_since))
+                },
                 (case.paper_generations).map_or_else(|| "none".to_owned(), |generations| generations.to_string()),
                 pair(row.spread(|found| found.forward_solves)),
                 objective.map_or_else(String::new, |(m, _)| format!("{m:.1e}")),
@@ -282,14 +317,13 @@ pub fn table(rows: &[Row]) -> String {
                 median_and_worst(row.seconds.clone()).map_or_else(String::new, |(m, _)| format!("{m:.1}")),
             ]);
         }
-        let method = group.first().map_or("", |row| row.method.name());
         // Writing to a String does not fail.
-        let _ = writeln!(text, "{method}\n\n{}", aligned(lines));
+        let _ = writeln!(text, "{}\n\n{}", method.name(), aligned(lines));
     }
     text.push_str(
         "true, found: elements and their loss in per cent, found: the code most often found. right: searches that ended at \
-         the nearest code.\ngenerations (until the end), code since (generation in which it appeared), forward solves: \
-         median / worst; paper's: its converged generation.\nmisfit: median, (m/s2)2; for hybrid that of the damage \
+         the nearest code.\ngenerations (until the end), code since (generation in which it appeared), forward solves (a \
+         derivative at its true cost): median / worst;\nended: why hybrid's descent did; paper's: its converged generation.\nmisfit: median, (m/s2)2; for hybrid that of the damage \
          itself. seconds: median; a code solved before is looked up.\n",
     );
     text
@@ -329,6 +363,11 @@ pub fn json(rows: &[Row]) -> serde_json::Value {
             "seeds": row.found.len(),
             "generations": spread(|found| found.generations),
             "code_since": spread(|found| found.best_since),
+            "stopped": (row.method == Method::Hybrid).then(|| serde_json::json!({
+                "converged": row.stopped(Stop::Converged),
+                "no progress": row.stopped(Stop::NoProgress),
+                "budget": row.stopped(Stop::Budget),
+            })),
             "paper_generations": row.case.paper_generations,
             "forward_solves": spread(|found| found.forward_solves),
             "objective": row.spread(|found| found.objective).map(|(median, _)| median),

@@ -15,7 +15,7 @@ use spanwatch::identify::free_vibration::{
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Pass, Problem};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
-use spanwatch::interaction::{Hypothesis, Observation, Run, SetupError};
+use spanwatch::interaction::{Hypothesis, Observation, SetupError};
 use spanwatch::passage::{Passage, Stream};
 use spanwatch::train::PlanarTrain;
 use spanwatch::wire::message::{Quantity, Ranges};
@@ -62,19 +62,11 @@ impl Method {
 /// What a search found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {
-    /// Fraction of bending stiffness lost by each element.
-    pub damage: Damage<f32>,
-    /// Standard deviation of each; a genetic search alone gives none.
-    pub std: Option<Damage<f32>>,
-    /// How the train ran; the entry time counts from the passage's first sample.
-    pub run: Run<f32>,
-    /// Stiffness of the whole bridge, as a part of its model's; the damage counts from there.
-    pub stiffness_factor: f32,
     /// The damage to the nearest 10 %.
     pub code: DamageCode,
     /// Misfit, (m/s²)²: of the damage itself for [`Method::Hybrid`], else of the code.
     pub objective: f32,
-    /// Forward solves that the search asked for.
+    /// Forward solves that the search took, a derivative at its true cost.
     pub forward_solves: u32,
     /// Generations until the search ended.
     pub generations: u32,
@@ -82,10 +74,31 @@ pub struct Found {
     pub best_since: u32,
     /// Whether the search reached its goal, not just the end of its budget.
     pub converged: bool,
-    /// Elements that are damaged beyond doubt, bit `e` for element `e` from 0; none by a genetic search alone.
-    pub certain: u16,
-    /// Whether any damage explains the passage; not asked by a genetic search alone.
-    pub explained: Option<bool>,
+    /// What the logger's search found; a genetic search alone gives a code only.
+    pub identification: Option<Identification>,
+}
+
+impl Found {
+    /// Fraction of bending stiffness lost by each element.
+    pub fn damage(&self) -> Damage<f32> {
+        self.identification
+            .map_or_else(|| self.code.damage(), |found| found.estimate.damage)
+    }
+
+    /// What it says of the passage that is observed. A genetic search alone takes the run as it is expected.
+    pub fn hypothesis(&self, observation: &Observation<f32>) -> Hypothesis<f32> {
+        match &self.identification {
+            Some(found) => Hypothesis {
+                damage: found.estimate.damage,
+                stiffness: found.stiffness,
+                run: found.run,
+            },
+            None => Hypothesis {
+                damage: self.code.damage(),
+                ..observation.expected()
+            },
+        }
+    }
 }
 
 /// Misfits of the codes of one passage that are known already.
@@ -117,18 +130,13 @@ pub fn search(
         Method::Hybrid => {
             let found = hybrid(problem, seed, &mut || step(0))?;
             Ok(Found {
-                damage: found.estimate.damage,
-                run: found.run,
-                stiffness_factor: found.stiffness,
-                std: Some(found.estimate.std),
                 code: found.code,
                 objective: found.objective,
                 forward_solves: found.forward_solves,
                 generations: found.generations,
                 best_since: found.generations,
                 converged: found.stop != Stop::Budget,
-                certain: found.certain(),
-                explained: Some(found.explained()),
+                identification: Some(found),
             })
         }
     }
@@ -164,19 +172,13 @@ fn run(problem: &Problem<'_>, search: &mut impl CodeSearch, known: &Known, step:
     let (code, objective) = search.best();
     let code = code.within(problem.bridge.elements);
     Ok(Found {
-        damage: code.damage(),
-        // A genetic search alone takes the run as it is expected.
-        run: problem.observation.run,
-        stiffness_factor: 1.0,
-        std: None,
         code,
         objective,
         forward_solves,
         generations: search.generations(),
         best_since: search.best_since(),
         converged: false,
-        certain: 0,
-        explained: None,
+        identification: None,
     })
 }
 
@@ -468,11 +470,16 @@ impl Observed {
 
     /// The passage simulated with `damage`, m/s² (m), as many samples as were recorded, channel after channel.
     pub fn simulate(&self, damage: &Damage<f32>) -> Result<Vec<f32>> {
-        let problem = self.problem();
-        let mut simulation = problem.simulate(&Hypothesis {
+        self.simulate_hypothesis(&Hypothesis {
             damage: *damage,
             ..self.observation.expected()
-        })?;
+        })
+    }
+
+    /// The same with another run and stiffness, too.
+    pub fn simulate_hypothesis(&self, hypothesis: &Hypothesis<f32>) -> Result<Vec<f32>> {
+        let problem = self.problem();
+        let mut simulation = problem.simulate(hypothesis)?;
         let channels = self.observation.recorder.sensors.len();
         let rows = problem.recorded().len();
         Ok((0..rows)

@@ -8,10 +8,9 @@ use anyhow::{Context, Result};
 use clap::Args;
 use host_sim::channel::InProcess;
 use host_sim::identification::{Known, Method, Observed, search};
-use host_sim::picture::{self, DamageBars, History};
+use host_sim::picture;
 use host_sim::replay::{self, Prepared, Told};
 use host_sim::station::{Station, store::Store, words};
-use spanwatch::bridge::Damage;
 use spanwatch::wire::message::Alert;
 
 #[derive(Debug, Args)]
@@ -105,52 +104,13 @@ fn unpack(out: &Path, shipped: &Shipped) -> Result<Prepared> {
     replay::prepare(&path, None, replay::DEFAULT_SEED)
 }
 
-/// The passage measured and fitted, and the damage by element: the alert's, or without one what the same search finds.
+/// The passage measured and fitted, and the damage by element as the logger's search finds it. An alert tells no intervals,
+/// so the search is run again here.
 fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Alert>) -> Result<()> {
     let observed = Observed::recorded(prepared)?;
-    let (damage, std) = match alert {
-        Some(alert) => (fractions(&alert.damage_permille), fractions(&alert.std_permille)),
-        None => {
-            let (problem, known) = (observed.problem(), Known::default());
-            let found = search(&problem, Method::Hybrid, replay::DEFAULT_SEED, 0.0, &known, &mut |_| ())?;
-            (found.damage, found.std.unwrap_or_default())
-        }
-    };
-    let fitted = observed.simulate(&damage)?;
-    let channels = &prepared.recording.channels;
-    let of_channel = |values: &[f32], c: usize| -> Vec<f64> {
-        values
-            .iter()
-            .skip(c)
-            .step_by(channels.len())
-            .map(|&v| f64::from(v))
-            .collect()
-    };
-    let labels: Vec<String> = channels
-        .iter()
-        .map(|channel| {
-            channel
-                .node
-                .map_or(channel.column.clone(), |node| format!("node {node}"))
-        })
-        .collect();
-    let histories: Vec<(Vec<f64>, Vec<f64>)> = (0..channels.len())
-        .map(|c| (of_channel(&observed.samples, c), of_channel(&fitted, c)))
-        .collect();
-    let histories: Vec<History<'_>> = histories
-        .iter()
-        .zip(&labels)
-        .map(|((measured, fitted), label)| History {
-            label,
-            start_s: prepared.recording.start_s + observed.first_sample as f64 * prepared.recording.interval_s,
-            interval_s: prepared.recording.interval_s,
-            measured,
-            fitted,
-        })
-        .collect();
-    let elements = observed.bridge.elements;
-    let [damage, std] = [damage, std].map(|values| values.map(f64::from));
-    let mut truth = vec![0.0; elements];
+    let (problem, known) = (observed.problem(), Known::default());
+    let found = search(&problem, Method::Hybrid, replay::DEFAULT_SEED, 0.0, &known, &mut |_| ())?;
+    let mut truth = vec![0.0; observed.bridge.elements];
     for &(element, loss) in shipped.truth {
         truth[element - 1] = loss;
     }
@@ -158,24 +118,13 @@ fn draw(path: &Path, shipped: &Shipped, prepared: &Prepared, alert: Option<&Aler
         Some(_) => "Damage, beyond doubt",
         None => "Healthy",
     };
-    let bars = DamageBars {
-        damage: &damage[..elements],
-        std: Some(&std[..elements]),
-        truth: Some(&truth),
-    };
-    picture::identification(
+    picture::passage(
         path,
         &format!("{title}: {}", shipped.stem),
         shipped.what,
-        &histories,
-        &bars,
+        prepared,
+        &observed,
+        &found,
+        Some(&truth),
     )
-}
-
-fn fractions(permille: &[u16]) -> Damage<f32> {
-    let mut fractions = Damage::default();
-    for (fraction, &permille) in fractions.iter_mut().zip(permille) {
-        *fraction = f32::from(permille) / 1000.0;
-    }
-    fractions
 }

@@ -1,4 +1,4 @@
-//! `host-sim identify`: which elements have lost stiffness, by one recording.
+//! `host-sim identify`: which elements have lost stiffness, by one recording, and how surely.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -7,10 +7,10 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use host_sim::identification::{self, Found, Known, Method, Observed, search};
 use host_sim::replay::{self, Prepared};
-use host_sim::station::words;
-use host_sim::terminal;
-use serde_json::json;
-use spanwatch::identify::paper_ga;
+use host_sim::station::words::identification::{self as words, How, Number, Ran};
+use host_sim::{output, picture, terminal};
+use serde_json::{Value, json};
+use spanwatch::identify::{Identification, paper_ga};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Search {
@@ -50,6 +50,9 @@ pub(super) struct Arguments {
     /// One JSON object instead of sentences
     #[arg(long)]
     json: bool,
+    /// Draw the passage, measured and fitted, and the damage by element into this file, too
+    #[arg(long, value_name = "FILE.svg")]
+    svg: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
@@ -62,6 +65,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Tail::None => Observed::recorded(&prepared)?,
         _ => Observed::recorded_with_tail(&prepared, damping, arguments.seed)?,
     };
+    if let Some(path) = &arguments.svg {
+        output::check(path)?;
+    }
     if let Some(note) = &observed.note {
         eprintln!("note: {note}");
     }
@@ -79,100 +85,189 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         &mut |generation| bar.set_position(generation.into()),
     )?;
     bar.finish_and_clear();
-    if arguments.json {
-        return super::print_json(&as_json(&found, &prepared, &observed));
-    }
-    super::print(&in_words(&found, &prepared, &observed))
-}
-
-/// When the train entered, in the recording's own time, s.
-fn entry_s(found: &Found, prepared: &Prepared, observed: &Observed) -> f64 {
-    let recording = &prepared.recording;
-    recording.start_s + observed.first_sample as f64 * recording.interval_s + f64::from(found.run.entry_time_s)
-}
-
-/// What the recording gives and the search therefore holds.
-struct Given {
-    speed: Option<f64>,
-    entry: Option<f64>,
-    load: Option<f64>,
-    stiffness: bool,
-}
-
-impl Given {
-    fn of(prepared: &Prepared, observed: &Observed) -> Self {
-        let recording = &prepared.recording;
-        let ranges = &observed.observation.ranges;
-        let held = |value: Option<f64>, range: f32| value.filter(|_| range == 0.0);
-        Self {
-            speed: held(recording.speed_kmh, ranges.speed),
-            entry: held(recording.entry_time_s, ranges.entry_s),
-            load: held(recording.load_factor.or(Some(1.0)), ranges.load),
-            stiffness: ranges.stiffness == 0.0,
-        }
-    }
-
-    /// The JSON's keys of what is estimated.
-    fn estimated(&self) -> Vec<&'static str> {
-        let all = [
-            ("speed_kmh", self.speed.is_some()),
-            ("entry_time_s", self.entry.is_some()),
-            ("load_factor", self.load.is_some()),
-            ("stiffness_factor", self.stiffness),
-        ];
-        all.into_iter()
-            .filter_map(|(key, given)| (!given).then_some(key))
-            .collect()
-    }
-}
-
-/// How the train ran, and what of that was given.
-fn run_in_words(found: &Found, prepared: &Prepared, observed: &Observed) -> String {
-    let given = Given::of(prepared, observed);
-    let word = |given: bool| if given { "given" } else { "estimated" };
-    let mut text = format!(
-        "Train: {:.2} km/h ({}), first axle enters at {:.3} s ({}), load {:.3} ({})",
-        given.speed.unwrap_or(3.6 * f64::from(found.run.speed_mps)),
-        word(given.speed.is_some()),
-        given.entry.unwrap_or(entry_s(found, prepared, observed)),
-        word(given.entry.is_some()),
-        given.load.unwrap_or(found.run.load_factor.into()),
-        word(given.load.is_some()),
-    );
-    if !given.stiffness {
-        let _ = write!(
-            text,
-            "; whole bridge {:.3} of its model's stiffness (estimated)",
-            found.stiffness_factor
+    if let Some(path) = &arguments.svg {
+        let stem = arguments.recording.file_stem().unwrap_or_default().to_string_lossy();
+        let subtitle = format!(
+            "{}, {} over {}",
+            cars(&prepared),
+            kmh(&ran(&found, &prepared, &observed)),
+            prepared.recording.bridge.as_deref().unwrap_or("the bridge")
         );
+        picture::passage(path, &stem, &subtitle, &prepared, &observed, &found, None)?;
     }
-    text + ".\n"
-}
-
-fn as_json(found: &Found, prepared: &Prepared, observed: &Observed) -> serde_json::Value {
+    let ran = ran(&found, &prepared, &observed);
     let elements = observed.bridge.elements;
-    let given = Given::of(prepared, observed);
-    let genes = found.code.genes();
-    json!({
-        "damage": &found.damage[..elements],
-        "damage_std": found.std.as_ref().map(|std| &std[..elements]),
-        "code": &genes[..elements],
-        "speed_kmh": given.speed.unwrap_or(3.6 * f64::from(found.run.speed_mps)),
-        "entry_time_s": given.entry.unwrap_or(entry_s(found, prepared, observed)),
-        "load_factor": given.load.unwrap_or(found.run.load_factor.into()),
-        "stiffness_factor": found.stiffness_factor,
-        "estimated": given.estimated(),
-        "objective": found.objective,
-        "forward_solves": found.forward_solves,
-        "generations": found.generations,
-        "converged": found.converged,
-        "certain": super::certain_elements(found.certain),
-        "explained": found.explained,
-        "free_vibration": observed.tail.as_ref().map(free_vibration_json),
+    if arguments.json {
+        return super::print_json(&as_json(&found, observed.tail.as_ref(), elements, &ran));
+    }
+    super::print(&match &found.identification {
+        Some(identification) => in_words(identification, observed.tail.as_ref(), elements, &ran),
+        None => code_in_words(&found, elements, &ran),
     })
 }
 
-fn free_vibration_json(tail: &identification::Tail) -> serde_json::Value {
+fn cars(prepared: &Prepared) -> String {
+    let train = prepared.recording.train.as_ref().map_or("", |train| train.name());
+    match prepared.recording.cars {
+        Some(1) | None => format!("1 car {train}"),
+        Some(cars) => format!("{cars} cars {train}"),
+    }
+}
+
+fn kmh(ran: &Ran) -> String {
+    format!("{:.1} km/h", ran.speed_kmh.value)
+}
+
+/// How the train ran, in the recording's units and time. What it gives and the search held comes back as it was given.
+fn ran(found: &Found, prepared: &Prepared, observed: &Observed) -> Ran {
+    let recording = &prepared.recording;
+    let observation = &observed.observation;
+    let ranges = &observation.ranges;
+    let hypothesis = found.hypothesis(observation);
+    let run = &hypothesis.run;
+    let first_s = recording.start_s + observed.first_sample as f64 * recording.interval_s;
+    // In the units of the unknowns: parts of what was expected, seconds.
+    let std = found.identification.map(|found| found.std.map(f64::from));
+    let known = |given: Option<f64>, range: f32, value: f64, std: Option<f64>| match (given, std) {
+        (Some(value), _) if range == 0.0 => Number { value, how: How::Given },
+        (_, Some(std)) if range > 0.0 => Number {
+            value,
+            how: How::Estimated { std },
+        },
+        _ => Number {
+            value,
+            how: How::Guessed,
+        },
+    };
+    let part_of = |whole: f32, which: usize| std.map(|std| f64::from(whole) * std[which]);
+    let expected = &observation.run;
+    Ran {
+        speed_kmh: known(
+            recording.speed_kmh,
+            ranges.speed,
+            3.6 * f64::from(run.speed_mps),
+            part_of(3.6 * expected.speed_mps, 1),
+        ),
+        entry_s: known(
+            recording.entry_time_s,
+            ranges.entry_s,
+            first_s + f64::from(run.entry_time_s),
+            part_of(1.0, 2),
+        ),
+        load: known(
+            recording.load_factor,
+            ranges.load,
+            run.load_factor.into(),
+            part_of(expected.load_factor, 3),
+        ),
+        stiffness: known(
+            Some(1.0),
+            ranges.stiffness,
+            hypothesis.stiffness.into(),
+            part_of(1.0, 0),
+        ),
+    }
+}
+
+/// Standard deviation of a number of the run; 0 if it was held.
+fn std(number: &Number) -> f64 {
+    match number.how {
+        How::Estimated { std } => std,
+        How::Given | How::Guessed => 0.0,
+    }
+}
+
+fn as_json(found: &Found, tail: Option<&identification::Tail>, elements: usize, ran: &Ran) -> Value {
+    let numbers = [
+        ("speed_kmh", &ran.speed_kmh),
+        ("entry_time_s", &ran.entry_s),
+        ("load_factor", &ran.load),
+        ("stiffness_factor", &ran.stiffness),
+    ];
+    let estimated: Vec<&str> = (numbers.iter())
+        .filter_map(|(key, number)| (number.how != How::Given).then_some(*key))
+        .collect();
+    // What a genetic search does not tell is null.
+    let sure = found.identification.as_ref();
+    let each = |of: fn(&Identification) -> &[f32]| sure.map(|found| &of(found)[..elements]);
+    let std = |number: &Number| sure.map(|_| std(number));
+    json!({
+        "damage": &found.damage()[..elements],
+        "damage_std": each(|found| &found.estimate.std),
+        "damage_low": each(|found| &found.estimate.low),
+        "damage_high": each(|found| &found.estimate.high),
+        "significance": each(|found| &found.estimate.significance),
+        "code": &found.code.genes()[..elements],
+        "certain": sure.map(|found| words::numbers(found.certain())),
+        "inseparable": sure.map(|found| inseparable(found, elements)),
+        "rival": sure.and_then(|found| found.rival).map(|rival| json!({
+            "whole_element": rival.whole + 1,
+            "damage": &rival.damage[..elements],
+            "loses_by": rival.loses_by,
+        })),
+        "speed_kmh": ran.speed_kmh.value,
+        "speed_std_kmh": std(&ran.speed_kmh),
+        "entry_time_s": ran.entry_s.value,
+        "entry_std_s": std(&ran.entry_s),
+        "load_factor": ran.load.value,
+        "load_std": std(&ran.load),
+        "stiffness_factor": ran.stiffness.value,
+        "stiffness_std": std(&ran.stiffness),
+        "estimated": estimated,
+        "objective": found.objective,
+        "unexplained": sure.map(|found| found.unexplained),
+        "explained": sure.map(Identification::explained),
+        "forward_solves": found.forward_solves,
+        "generations": found.generations,
+        "converged": found.converged,
+        "free_vibration": tail.map(free_vibration_json),
+        "stop": sure.map(|found| words::stop(found.stop)),
+        "verdict": sure.map(|found| words::verdict(found, elements)),
+    })
+}
+
+/// Of each element with a loss, by its number, the elements that it cannot be told apart from.
+fn inseparable(found: &Identification, elements: usize) -> Value {
+    (0..elements)
+        .map(|e| (e, words::inseparable(found, elements, e)))
+        .filter(|&(_, others)| others != 0)
+        .map(|(e, others)| ((e + 1).to_string(), json!(words::numbers(others))))
+        .collect()
+}
+
+fn in_words(found: &Identification, tail: Option<&identification::Tail>, elements: usize, ran: &Ran) -> String {
+    let mut text = words::verdict(found, elements) + "\n\n" + &words::ran(ran);
+    if let Some(tail) = tail {
+        text += &free_vibration_in_words(tail);
+    }
+    if found.explained() {
+        text += "\n";
+        text += &words::table(found, elements);
+        text += "\n";
+    }
+    text + &words::search(found)
+}
+
+/// What a genetic search alone found.
+fn code_in_words(found: &Found, elements: usize, ran: &Ran) -> String {
+    let mut text = words::ran(ran) + "element  loss of bending stiffness, in steps of 10 %\n";
+    for (e, loss) in found.damage().iter().take(elements).enumerate() {
+        let _ = writeln!(text, "{:>7}  {:3.0} %", e + 1, 100.0 * loss);
+    }
+    let end = if found.converged {
+        "the misfit fell below its limit"
+    } else {
+        "the misfit did NOT fall below its limit"
+    };
+    let _ = writeln!(
+        text,
+        "A genetic search alone does not say how surely. Misfit {:.2e} (m/s²)²; {} forward solves, {} generations: {end}.",
+        found.objective, found.forward_solves, found.generations
+    );
+    text
+}
+
+fn free_vibration_json(tail: &identification::Tail) -> Value {
     let modes = tail.vibration.modes.iter().map(|mode| {
         json!({
             "mode": mode.mode + 1,
@@ -203,52 +298,5 @@ fn free_vibration_in_words(tail: &identification::Tail) -> String {
             200.0 * mode.damping_ratio_std
         );
     }
-    text
-}
-
-fn in_words(found: &Found, prepared: &Prepared, observed: &Observed) -> String {
-    let unexplained = words::percent(f64::from(found.objective / observed.problem().power().mean()));
-    if found.explained == Some(false) {
-        return format!(
-            "No damage explains this passage: the best leaves {unexplained} of the signal's power unexplained. Check train, \
-             speed, entry time, load, and the node, unit and sign of each channel.\n{}",
-            run_in_words(found, prepared, observed)
-        );
-    }
-    let mut text = run_in_words(found, prepared, observed);
-    if let Some(tail) = &observed.tail {
-        text += &free_vibration_in_words(tail);
-    }
-    text += "element  loss of bending stiffness\n";
-    for e in 0..observed.bridge.elements {
-        let _ = write!(text, "{:>7}  {:5.1} %", e + 1, 100.0 * found.damage[e]);
-        match &found.std {
-            Some(std) if std[e] < 0.0005 => text.push_str("  ± < 0.1 %"),
-            Some(std) => {
-                let _ = write!(text, "  ± {:5.1} %", 200.0 * std[e]);
-            }
-            None => {}
-        }
-        if found.certain >> e & 1 == 1 {
-            text.push_str("  damaged beyond doubt");
-        }
-        text.push('\n');
-    }
-    if found.std.is_some() {
-        text.push_str(
-            "The ranges hold two standard deviations, of what the noise and the residual leave open; not of what the model does not know.\n",
-        );
-    }
-    let end = if found.converged {
-        "converged"
-    } else {
-        "NOT converged within its budget"
-    };
-    let _ = writeln!(
-        text,
-        "The model leaves {unexplained} of the signal's power unexplained (misfit {:.2e} (m/s²)²); {} forward solves, {} \
-         generations, {end}.",
-        found.objective, found.forward_solves, found.generations
-    );
     text
 }

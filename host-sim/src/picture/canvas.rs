@@ -20,6 +20,7 @@ pub(super) const SOFT: RGBColor = RGBColor(0x66, 0x66, 0x66);
 pub(super) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
 pub(super) const BLUE: RGBColor = RGBColor(0x00, 0x72, 0xB2);
 pub(super) const SKY: RGBColor = RGBColor(0x8C, 0xC8, 0xEA);
+pub(super) const PALE: RGBColor = RGBColor(0xC9, 0xC9, 0xC9);
 pub(super) const VERMILION: RGBColor = RGBColor(0xD5, 0x5E, 0x00);
 pub(super) const GREEN: RGBColor = RGBColor(0x00, 0x9E, 0x73);
 

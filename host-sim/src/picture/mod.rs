@@ -7,6 +7,7 @@ mod canvas;
 pub mod chart;
 pub mod estimates;
 mod frame;
+mod passage;
 pub mod track;
 
 use std::path::Path;
@@ -14,16 +15,23 @@ use std::path::Path;
 use anyhow::Result;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
+use spanwatch::wire::message::Quantity;
 
 use crate::output;
-use canvas::{BLUE, BODY, Canvas, INK, LEFT, Mark, SKY, SMALL, SOFT, Svg, TITLE, Ticks, VERMILION, around_zero, ticks};
+use canvas::{
+    BLUE, BODY, Canvas, INK, LEFT, Mark, PALE, SKY, SMALL, SOFT, Svg, TITLE, Ticks, VERMILION, around_zero, ticks,
+};
 
 pub use frame::frame_modes;
+pub use passage::passage;
 
 /// Largest damage on the scale, %.
 const DAMAGE_SCALE_PERCENT: f64 = 70.0;
-/// Standard deviations to either side of an estimate that a whisker shows.
-const WHISKER_DEVIATIONS: f64 = 2.0;
+/// Width of an element's bar and of its rival's beside it, elements.
+const BAR: f64 = 0.52;
+const RIVAL_BAR: f64 = 0.14;
+/// A rival that is worse by so many standard deviations is drawn; beyond it there is none to speak of.
+const RIVAL_DRAWN: f64 = 100.0;
 /// Height of a residual and of the line of words above it, px.
 const STRIP: f64 = 64.0;
 const STRIP_CAPTION: f64 = 24.0;
@@ -40,13 +48,15 @@ const MAGNIFICATIONS: [f64; 7] = [100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
 pub struct History<'a> {
     /// What it is, such as "node 6".
     pub label: &'a str,
+    /// What is measured.
+    pub quantity: Quantity,
     /// Time of the first sample, s.
     pub start_s: f64,
     /// Time between samples, s.
     pub interval_s: f64,
-    /// Recorded acceleration, m/s².
+    /// Recorded acceleration, m/s², or displacement, mm; not-a-number where there is none.
     pub measured: &'a [f64],
-    /// Acceleration of the fitted model, m/s²; as many samples.
+    /// The same of the fitted model; as many samples.
     pub fitted: &'a [f64],
 }
 
@@ -55,10 +65,23 @@ pub struct History<'a> {
 pub struct DamageBars<'a> {
     /// As identified.
     pub damage: &'a [f64],
-    /// Standard deviation of each, where known.
-    pub std: Option<&'a [f64]>,
+    /// Lower and upper ends of their 95 % intervals, where known.
+    pub interval: Option<[&'a [f64]; 2]>,
+    /// What else could explain the passage, where that was asked.
+    pub rival: Option<RivalBars<'a>>,
     /// The true damage, where known.
     pub truth: Option<&'a [f64]>,
+}
+
+/// The best explanation in which an element is whole.
+#[derive(Debug, Clone, Copy)]
+pub struct RivalBars<'a> {
+    /// Damage of each element.
+    pub damage: &'a [f64],
+    /// The element, from 1, that is whole.
+    pub whole: usize,
+    /// Standard deviations by which it explains the passage worse.
+    pub loses_by: f64,
 }
 
 impl<'a> History<'a> {
@@ -68,7 +91,7 @@ impl<'a> History<'a> {
 }
 
 /// Draws an identification into the SVG file at `path`: measured and fitted history with the residual below, a row a
-/// channel, then the damage by element with its ± 2 standard deviations.
+/// channel, then the damage by element with its 95 % intervals.
 pub fn identification(
     path: &Path,
     title: &str,
@@ -86,7 +109,6 @@ pub fn identification(
         _ => 140.0,
     };
     let row = CAPTION + main + STRIP_CAPTION + STRIP;
-    let scale = Scale::of(histories, main);
     // Only the last row carries the time axis.
     let height = HEAD + row * histories.len() as f64 + AXIS + CAPTION + BARS + AXIS;
     let svg = Svg::draw(height, |canvas| {
@@ -104,6 +126,7 @@ pub fn identification(
                     ],
                 )?;
             }
+            let scale = Scale::of(histories, history.quantity, main);
             draw_history(canvas, history, top, main, &scale, i + 1 == histories.len())?;
         }
         let top = HEAD + row * histories.len() as f64 + AXIS + CAPTION;
@@ -112,23 +135,24 @@ pub fn identification(
     output::write(&[(path, svg.as_bytes())])
 }
 
-/// The vertical scale that all channels share, so that the eye can compare them.
+/// The vertical scale that all channels of a quantity share, so that the eye can compare them.
 struct Scale {
-    /// Largest acceleration on the axis, m/s².
+    /// Largest value on the axis.
     reach: f64,
     /// How many times larger the residual is drawn.
     magnification: f64,
 }
 
 impl Scale {
-    fn of(histories: &[History<'_>], main: f64) -> Self {
+    fn of(histories: &[History<'_>], quantity: Quantity, main: f64) -> Self {
+        let alike = || histories.iter().filter(|history| history.quantity == quantity);
         let peak = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0_f64, |peak, v| peak.max(v.abs()));
-        let all = (histories.iter()).flat_map(|history| history.measured.iter().chain(history.fitted));
+        let all = alike().flat_map(|history| history.measured.iter().chain(history.fitted));
         let reach = match peak(&mut all.copied()) {
             largest if largest > 0.0 && largest.is_finite() => 1.08 * largest,
             _ => 1.0,
         };
-        let largest = peak(&mut histories.iter().flat_map(History::residual));
+        let largest = peak(&mut alike().flat_map(History::residual));
         let magnification = (MAGNIFICATIONS.into_iter())
             .find(|factor| largest * factor <= reach * STRIP / main)
             .unwrap_or(1.0);
@@ -153,7 +177,10 @@ fn draw_history(
 
     let panel = canvas.panel(top, main, times, (-scale.reach, scale.reach));
     panel.grid(&along, &ticks(-scale.reach, scale.reach, 6))?;
-    panel.y_label("acceleration, m/s²")?;
+    panel.y_label(match history.quantity {
+        Quantity::Acceleration => "acceleration, m/s²",
+        Quantity::Displacement => "displacement, mm",
+    })?;
     panel.line(&points(&mut history.measured.iter().copied()), INK, MEASURED)?;
     panel.line(
         &points(&mut history.fitted.iter().copied()),
@@ -182,23 +209,35 @@ fn draw_damage(canvas: &Canvas<'_>, bars: &DamageBars<'_>, top: f64, height: f64
     let elements = bars.damage.len();
     let panel = canvas.panel(top, height, (0.5, elements as f64 + 0.5), (0.0, DAMAGE_SCALE_PERCENT));
     canvas.text("Damage by element", LEFT, top - 13.0, BODY, INK, HPos::Left)?;
-    let mut marks = vec![(Mark::Box(SKY), "identified")];
-    if bars.std.is_some() {
-        marks.push((Mark::Whisker, "± 2 standard deviations"));
+    let rival = bars.rival.filter(|rival| rival.loses_by < RIVAL_DRAWN);
+    let mut marks = vec![(Mark::Box(SKY), "identified".to_owned())];
+    if bars.interval.is_some() {
+        marks.push((Mark::Whisker, "95 % interval".to_owned()));
     }
     if bars.truth.is_some() {
-        marks.push((Mark::Diamond, "true"));
+        marks.push((Mark::Diamond, "true".to_owned()));
     }
+    if let Some(rival) = rival {
+        let label = format!(
+            "were element {} whole: {:.0} standard deviations worse",
+            rival.whole, rival.loses_by
+        );
+        marks.push((Mark::Box(PALE), label));
+    }
+    let marks: Vec<(Mark, &str)> = marks.iter().map(|(mark, label)| (*mark, label.as_str())).collect();
     canvas.legend(top - 13.0, &marks)?;
     panel.grid(&Ticks::none(), &ticks(0.0, DAMAGE_SCALE_PERCENT, 7))?;
     panel.y_label("loss of bending stiffness, %")?;
     for (e, damage) in bars.damage.iter().enumerate() {
         let x = (e + 1) as f64;
-        let percent = 100.0 * damage;
-        panel.bar(x, 0.52, percent, SKY)?;
-        if let Some(std) = bars.std.and_then(|std| std.get(e)) {
-            let half = 100.0 * WHISKER_DEVIATIONS * std;
-            panel.whisker(x, percent - half, percent + half)?;
+        panel.bar(x, BAR, 100.0 * damage, SKY)?;
+        if let Some(&loss) = rival.and_then(|rival| rival.damage.get(e)) {
+            panel.bar(x + (BAR + RIVAL_BAR) / 2.0, RIVAL_BAR, 100.0 * loss, PALE)?;
+        }
+        if let Some([low, high]) = bars.interval
+            && let (Some(low), Some(high)) = (low.get(e), high.get(e))
+        {
+            panel.whisker(x, 100.0 * low, 100.0 * high)?;
         }
         if let Some(truth) = bars.truth.and_then(|truth| truth.get(e)) {
             panel.diamond(x, 100.0 * truth)?;
@@ -275,6 +314,7 @@ mod tests {
             let measured = vec![value; 50];
             let history = History {
                 label: "node 6 <&>",
+                quantity: Quantity::Acceleration,
                 start_s: 0.0,
                 interval_s: 0.005,
                 measured: &measured,
@@ -282,7 +322,12 @@ mod tests {
             };
             let bars = DamageBars {
                 damage: &[0.0, 0.3, 2.0],
-                std: Some(&[0.0, 0.1, f64::INFINITY]),
+                interval: Some([&[0.0; 3], &[0.0, 0.1, f64::INFINITY]]),
+                rival: Some(RivalBars {
+                    damage: &[0.0, 0.5],
+                    whole: 1,
+                    loses_by: value,
+                }),
                 truth: None,
             };
             identification(&path, "title", "subtitle", &[history; 3], &bars).expect("a picture");

@@ -9,6 +9,8 @@ use spanwatch::wire::message::{
 
 use crate::recording::Recording;
 
+pub mod identification;
+
 /// Damage below this, per mille, is not worth a word.
 const WORTH_A_WORD_PERMILLE: u16 = 20;
 
