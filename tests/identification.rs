@@ -11,7 +11,7 @@ use host_sim::simulate::Scenario;
 use host_sim::validate::beam::GIRDER50;
 use rand_core::{Rng, SeedableRng, TryRng};
 use rand_xoshiro::{Xoshiro128PlusPlus, Xoshiro256PlusPlus};
-use spanwatch::capacity::ELEMENTS;
+use spanwatch::capacity::{ELEMENTS, MODES};
 use spanwatch::identify::code::CODE_BITS;
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{
@@ -55,8 +55,8 @@ fn xoshiro(seed: u64) -> Xoshiro128PlusPlus {
 
 #[test]
 fn hybrid_finds_all_sixteen_cases_of_the_paper() {
-    // Measured over 20 seeds: 52 to 88 solves, where the paper's population judges 50 codes a generation.
-    const SOLVES: u32 = 130;
+    // The goal; measured over 20 seeds: docs/searches.md. The paper's population judges 50 codes a generation.
+    const SOLVES: u32 = 200;
     // Without noise the damage is known to the square root of what counts as explained, and the valley's flatness.
     const POINTS: f32 = 0.005;
     let bridge = girder50();
@@ -151,7 +151,7 @@ fn a_bridge_of_fewer_elements_has_no_damage_in_those_that_it_has_not() {
                 nodes: vec![2, 3],
                 damage,
                 noise: 0.05,
-                modes: 4,
+                modes: MODES.min(2 * elements),
                 ..Scenario::inspection_car()
             }
             .recorded();

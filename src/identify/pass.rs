@@ -19,7 +19,7 @@ use crate::interaction::{Hypothesis, Sensitivities, SetupError, Simulation};
 use crate::slot::Slot;
 
 /// Forward solves, in tenths, that following one derivative through a passage costs (docs/benchmarks.md).
-pub const TANGENT_TENTHS: u32 = 4;
+pub const TANGENT_TENTHS: u32 = 7;
 /// Products with the recording that cost as much as a tenth of a solver step: ten instructions each, of 6,000.
 const SHIFTS_A_TENTH: u32 = 60;
 /// Shifts to either side that a comparison looks at, at most.

@@ -40,6 +40,10 @@ const MET: f32 = 1e-2;
 /// A step keeps its promise if `Q` falls by this part of what the linear model said.
 const PROMISE: f32 = 0.5;
 
+/// Part of the recording's power that the model itself may be wrong by: the square of 0.1 %, what its step and its number of modes
+/// leave (docs/accuracy.md). A record without noise is not believed beyond it.
+const MODEL_ERROR: f32 = 1e-6;
+
 /// Why a descent ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -262,7 +266,9 @@ impl Refinement {
         let free = self.free();
         let unknowns = free.iter().filter(|&&free| free).count() as f32;
         let values = self.power.values();
-        let scale = ((values - unknowns) / values).max(0.0) / correlation_time;
+        let unexplained = self.residuals.unexplained(&self.power).max(EXPLAINED);
+        let believed = (unexplained / MODEL_ERROR).min(1.0);
+        let scale = believed * ((values - unknowns) / values).max(0.0) / correlation_time;
         // The linear model's right-hand side about 0: A theta + J^T W r, and the slope is A theta - J^T W r.
         let about_zero = self.normal.slope(&self.linearised) + self.normal.vector * 2.0;
         let mut all = Quadratic {

@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 use spanwatch::bridge::{Damage, MAX_DAMAGE};
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::Identification;
-use spanwatch::identify::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS, RESOLUTION, TOLD_APART};
+use spanwatch::identify::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS, CONTRADICTION, RESOLUTION, TOLD_APART};
 use spanwatch::identify::hybrid::{HIDDEN, Rival};
 use spanwatch::identify::refine::Stop;
 use spanwatch::identify::unknowns::{Theta, with_losses};
@@ -76,6 +76,13 @@ pub fn verdict(found: &Identification, elements: usize) -> String {
             percent(found.unexplained.into())
         );
     }
+    if found.estimate.contradiction > CONTRADICTION {
+        return format!(
+            "Nothing is certain: the passage is explained only if elements have gained stiffness (by {}), so train, speed, track or \
+             bridge are not those of the model.",
+            deviations(found.estimate.contradiction)
+        );
+    }
     let certain = found.certain();
     let is_certain = |e: usize| certain >> e & 1 == 1;
     let estimate = &found.estimate;
@@ -83,7 +90,10 @@ pub fn verdict(found: &Identification, elements: usize) -> String {
         .filter(|&e| !is_certain(e) && estimate.damage[e] >= WORTH_A_WORD && estimate.significance[e] >= TOLD_APART)
         .collect();
     let healthy_loses_by = whole_loses_by(found);
-    let lost_somewhere = certain == 0 && suspect.is_empty() && healthy_loses_by > ALARM_DEVIATIONS;
+    let groups = groups(found, elements);
+    // Something is lost, but in which of several elements is not to be told.
+    let lost_somewhere =
+        certain == 0 && suspect.is_empty() && !groups.is_empty() && healthy_loses_by > ALARM_DEVIATIONS;
 
     let mut sentences = vec![];
     for e in (0..elements).filter(|&e| is_certain(e)) {
@@ -115,8 +125,7 @@ pub fn verdict(found: &Identification, elements: usize) -> String {
             )
         });
     }
-    let groups = groups(found, elements);
-    if lost_somewhere && !groups.is_empty() {
+    if lost_somewhere {
         sentences.push(format!(
             "No element is damaged beyond doubt, but the bridge is not as it was: undamaged, it would explain the passage worse by {}.",
             deviations(healthy_loses_by)
