@@ -3,14 +3,16 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use host_sim::channel::{Channel, InProcess, Qemu, built_image};
 use host_sim::replay::{self, Told};
 use host_sim::station::Station;
-use spanwatch::wire::message::{Event, Status};
+use spanwatch::wire::message::{BLOCK_COUNTS, Event, Status};
 use spanwatch::wire::{Decoder, Kind};
+use tempfile::TempDir;
 
 /// Keeps all bytes that come from the logger.
 struct Tap<C> {
@@ -33,8 +35,19 @@ impl<C: Channel> Channel for Tap<C> {
     }
 }
 
-/// The frames of the logger's events, as they were on the line, and its status at the end.
-fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>, usize, Status) {
+/// What a logger has said.
+struct Said {
+    /// The frames of its events, as they were on the line.
+    frames: Vec<Vec<u8>>,
+    alerts: usize,
+    /// At the end.
+    status: Status,
+    /// What it knows of the bridge at the end.
+    evidence: Vec<u8>,
+}
+
+/// What a logger says of recordings, one after the other.
+fn events(channel: impl Channel + 'static, recordings: &[PathBuf]) -> Said {
     let heard = Arc::new(Mutex::new(Vec::new()));
     let mut station = Station::new(Box::new(Tap {
         channel,
@@ -42,9 +55,8 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
     }));
     let mut alerts = 0;
     let mut status = Status::default();
-    for recording in recordings {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings").join(recording);
-        let prepared = replay::prepare(&path, None, replay::DEFAULT_SEED).expect("a recording");
+    for path in recordings {
+        let prepared = replay::prepare(path, None, replay::DEFAULT_SEED).expect("a recording");
         status = prepared
             .replay(&mut station, None, |told| {
                 alerts += usize::from(matches!(told, Told::Alert { .. }));
@@ -57,6 +69,7 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
             "nothing is lost at full speed"
         );
     }
+    let evidence = station.evidence().expect("an answer").to_vec();
     assert_eq!(station.rejected(), 0);
     let bytes = heard.lock().expect("one thread").clone();
     let mut decoder = Decoder::new();
@@ -73,28 +86,117 @@ fn events(channel: impl Channel + 'static, recordings: &[&str]) -> (Vec<Vec<u8>>
             begin = end;
         }
     }
-    (frames, alerts, status)
+    Said {
+        frames,
+        alerts,
+        status,
+        evidence,
+    }
+}
+
+fn image() -> PathBuf {
+    std::env::var_os("SPANWATCH_IMAGE").map_or_else(|| built_image("logger"), PathBuf::from)
+}
+
+/// A logger in this process and one in QEMU say the same of these recordings; gives what.
+fn same_on_both(recordings: &[PathBuf]) -> Said {
+    let here = events(InProcess::new(), recordings);
+    let qemu = Qemu::start(&image(), false, true).expect("QEMU and the image are there");
+    let there = events(qemu, recordings);
+    for (here, there) in here.frames.iter().zip(&there.frames) {
+        assert_eq!(here, there);
+    }
+    assert_eq!(here.frames.len(), there.frames.len());
+    assert_eq!(here.evidence, there.evidence);
+    assert!(there.status.health.stack_peak_bytes > 0, "the stack is watched");
+    here
 }
 
 #[test]
 fn the_image_in_qemu_sends_the_same_bytes_as_the_logger_in_this_process() {
-    let image = std::env::var_os("SPANWATCH_IMAGE").map_or_else(|| built_image("logger"), PathBuf::from);
     let recordings = [
         "healthy-60kmh.csv",
         "case1-60kmh.csv",
         "case4-60kmh-noise5-3nodes.csv",
         "case8-3d-270kmh-noise2-3nodes.csv",
     ];
-    let (here, alerts, _) = events(InProcess::new(), &recordings);
-    assert_eq!(alerts, 3);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings");
+    let said = same_on_both(&recordings.map(|name| folder.join(name)));
+    assert_eq!(said.alerts, 3);
     // A passage each and the alerts.
-    assert_eq!(here.len(), recordings.len() + alerts);
+    assert_eq!(said.frames.len(), recordings.len() + said.alerts);
+}
 
-    let qemu = Qemu::start(&image, false, true).expect("QEMU and the image are there");
-    let (there, _, status) = events(qemu, &recordings);
-    for (here, there) in here.iter().zip(&there) {
-        assert_eq!(here, there);
+/// Simulates a recording of three noisy sensors.
+fn simulate(path: &Path, flags: &str) {
+    let simulated = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(["simulate", "--bridge", "girder50", "--nodes", "3,6,9"])
+        .args(["--noise", "0.02", "--rate-hz", "200", "--antialias-hz", "40"])
+        .args(flags.split(' '))
+        .arg("-o")
+        .arg(path)
+        .output()
+        .expect("host-sim runs");
+    assert!(
+        simulated.status.success(),
+        "{}",
+        String::from_utf8_lossy(&simulated.stderr)
+    );
+}
+
+#[test]
+fn a_train_that_nobody_announced_is_explained_by_the_same_bytes_too() {
+    let folder = TempDir::new().expect("a folder");
+    let recording = folder.path().join("unannounced.csv");
+    simulate(
+        &recording,
+        "--train inspection-2dof --cars 2 --speed-kmh 150 --damage 5=0.3 --lead-s 4 --tail-s 12 --load-factor 1.1 --withhold \
+         speed,entry,load",
+    );
+    let said = same_on_both(&[recording]);
+    assert_eq!(said.alerts, 1);
+}
+
+#[test]
+fn no_sample_is_lost_while_a_passage_is_being_identified() {
+    // The sensor goes on for the rest of a headway: what comes after the train is offered at once, without waiting for the search.
+    const RATE_HZ: u64 = 200;
+    const HEADWAY_S: u64 = 180;
+    // At 168 MHz and an instruction a clock, 100 ms, in which three sensors send 200 of the queue's 2048 bytes.
+    const LONGEST_SLICE: u64 = 16_800_000;
+    const INSTRUCTIONS_PER_TICK: u64 = 40;
+    let folder = TempDir::new().expect("a folder");
+    let path = folder.path().join("headway.csv");
+    simulate(
+        &path,
+        "--train shinkansen-3d --cars 16 --speed-kmh 270 --damage 5=0.11 --tail-s 174",
+    );
+    let prepared = replay::prepare(&path, None, replay::DEFAULT_SEED).expect("a recording");
+    let qemu = Qemu::start(&image(), true, true).expect("QEMU and the image are there");
+    let mut station = Station::new(Box::new(qemu));
+    station
+        .load(prepared.bridge.as_ref().expect("a bridge"))
+        .expect("loads");
+    station.configure(&prepared.configuration).expect("configures");
+    let channels = prepared.recording.channels.len();
+    let rows = BLOCK_COUNTS / channels;
+    let counts = prepared.recording.to_counts();
+    let samples = (counts.len() / channels) as u64;
+    assert!(samples > RATE_HZ * HEADWAY_S, "{samples}");
+    let (mut busy_blocks, mut first) = (0, 0);
+    for block in counts.chunks(rows * channels) {
+        busy_blocks += usize::from(station.offer(first, block).expect("taken"));
+        first += (block.len() / channels) as u64;
     }
-    assert_eq!(here.len(), there.len());
-    assert!(status.health.stack_peak_bytes > 0, "the stack is watched");
+    let status = station.finish().expect("finishes");
+    println!(
+        "{busy_blocks} blocks of {rows} samples came during the identification, of {} million instructions; longest slice {} million",
+        status.effort.identification_ticks * INSTRUCTIONS_PER_TICK / 1_000_000,
+        status.effort.longest_slice_ticks * INSTRUCTIONS_PER_TICK / 1_000_000
+    );
+    assert!(busy_blocks > 10, "the search was running meanwhile");
+    assert_eq!(status.samples, samples);
+    assert_eq!((status.quality.missing, status.health.overruns), (0, 0));
+    assert_eq!((status.passages, status.alerts), (1, 1));
+    assert!(status.effort.longest_slice_ticks * INSTRUCTIONS_PER_TICK < LONGEST_SLICE);
 }

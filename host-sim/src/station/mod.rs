@@ -102,13 +102,17 @@ impl Station {
         self.command(&Request::Restore(bytes)).map(|_| ())
     }
 
-    /// Sends samples; then waits until the logger has time for more.
-    pub fn samples(&mut self, first_sample: u64, counts: &[i32]) -> Result<()> {
-        let block = SampleBlock {
+    /// Sends samples, whether the logger is busy or not, as a sensor would; tells whether it is identifying something now.
+    pub fn offer(&mut self, first_sample: u64, counts: &[i32]) -> Result<bool> {
+        self.command(&Request::Samples(SampleBlock {
             first_sample,
             counts: counts.iter().copied().collect(),
-        };
-        if self.command(&Request::Samples(block))? {
+        }))
+    }
+
+    /// Sends samples; then waits until the logger has time for more.
+    pub fn samples(&mut self, first_sample: u64, counts: &[i32]) -> Result<()> {
+        if self.offer(first_sample, counts)? {
             self.wait_until_idle()?;
         }
         Ok(())
