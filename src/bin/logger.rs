@@ -7,10 +7,9 @@ mod board;
 use board::Board;
 use spanwatch::link::RemoteLogger;
 
-/// A turn of the loop longer than this is a hang. The longest slice of a search, a linearisation, takes 300 million
-/// instructions for sixteen 15-DOF cars at 270 km/h and 1,000 million at 60 km/h: at 25 MHz and one to two clocks each, 12 to
-/// 80 s; the longest passage that is identified, with four cars on a longer bridge, takes 1,600 million. The watchdog counts to 171 s.
-const LONGEST_TURN_S: u32 = 150;
+/// A turn of the loop longer than this is a hang. The longest slice of work takes 7 million instructions: at 25 MHz and one to two
+/// clocks each, about half a second.
+const LONGEST_TURN_S: u32 = 10;
 /// Bytes handed on at once.
 const CHUNK_BYTES: usize = 256;
 
