@@ -5,7 +5,7 @@
 //! ```
 //!
 //! An alert is raised when an element's loss of stiffness is beyond doubt
-//! ([`Identification::is_certain`](crate::identify::Identification::is_certain)). While one passage is being identified
+//! ([`Estimate::is_certain`](crate::identify::estimate::Estimate::is_certain)). While one passage is being identified
 //! the next one is found and reported, but its samples are not kept: there is memory for one.
 
 use core::fmt;
