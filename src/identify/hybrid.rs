@@ -6,7 +6,7 @@
 //! | settle | descends with all elements whole to the best speed, entry, load and stiffness | linearisations |
 //! | search | the small genetic search finds the basin of the damage, with the best entry and load of each pattern | comparisons |
 //! | descend | Gauss-Newton within bounds finds its bottom, all unknowns free | linearisations |
-//! | correlate | asks how independent the residuals are | a correlation |
+//! | correlate | asks how independent the residuals are; if hardly, descends once more from an entry a car later and earlier | a correlation |
 //! | doubt | descends from the mirror image, the most certain element held whole: what else could it be? | linearisations |
 //!
 //! The first two are passed over if all of speed, entry, load and stiffness are known. [`Hybrid::advance`] does one bounded slice, a
@@ -44,6 +44,11 @@ pub use super::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS};
 pub const BASIN_BUDGET: u32 = 40;
 /// If what the descent finds does not explain the recording, the genetic search begins again, up to so many rounds in all.
 const ROUNDS: u32 = 2;
+/// Residuals of which so many say as much as one are not the sensors' noise alone: something is wrong with the answer. White noise
+/// gives 1.0 to 1.1.
+const NOT_NOISE: f32 = 3.0;
+/// Other entries that are tried then: a car later and a car earlier.
+const NEIGHBOURS: u32 = 2;
 /// Solver steps that an identification may take in all: at 6,000 instructions each and 168 MHz, two minutes of the three
 /// between trains.
 const MOST_STEPS: u64 = 3_400_000;
@@ -168,6 +173,8 @@ pub struct Hybrid {
     answer: Option<Answer>,
     stop: Stop,
     round: u32,
+    /// Other entries from which it has descended.
+    neighbours: u32,
     /// Cost so far, tenths of a solver step.
     tenths: u64,
     objective_healthy: f32,
@@ -188,6 +195,7 @@ impl Hybrid {
             answer: None,
             stop: Stop::Converged,
             round: 1,
+            neighbours: 0,
             tenths: 0,
             objective_healthy: 0.0,
         }
@@ -447,6 +455,13 @@ impl Hybrid {
         let (identification, theta) = (&answer.identification, answer.theta);
         let (whole, significance) = identification.estimate.most_certain();
         let explained = identification.explained();
+        if let Some(start) = self.neighbour(problem, answer) {
+            let weights = self.weights().map(|weight| weight / identification.unexplained);
+            self.neighbours += 1;
+            self.descent = Some(Refinement::new(&start, self.limits(problem), self.power, weights));
+            self.stage = Stage::Descend;
+            return;
+        }
         if !explained && self.round < ROUNDS {
             self.round += 1;
             self.search.begin_again(BASIN_BUDGET);
@@ -466,6 +481,24 @@ impl Hybrid {
         let start = with_losses(theta, &mirrored);
         self.descent = Some(Refinement::new(&start, limits, self.power, weights));
         self.stage = Stage::Doubt;
+    }
+
+    /// Another entry from which to descend, if the answer leaves what is no noise: a car later, then a car earlier. A train of equal
+    /// cars looks much the same then, but for its ends. A single car may be a period of the first mode off.
+    fn neighbour(&self, problem: &Problem<'_>, answer: &Answer) -> Option<Theta> {
+        let free = problem.observation.ranges.entry_s > 0.0;
+        if !free || answer.correlation_time < NOT_NOISE || self.neighbours >= NEIGHBOURS || self.spent() {
+            return None;
+        }
+        let cars = &problem.observation.cars.train().cars;
+        let pitch_s = match (cars.first(), cars.get(1)) {
+            (Some(first), Some(second)) => (second.behind_m - first.behind_m) / answer.identification.run.speed_mps,
+            _ => core::f32::consts::TAU / math::sqrt(problem.bridge.lambda[0]),
+        };
+        let mut start = with_losses(answer.theta, &[0.0; ELEMENTS]);
+        start[STIFFNESS] = 0.0;
+        start[ENTRY] += if self.neighbours == 0 { pitch_s } else { -pitch_s };
+        Some(start)
     }
 
     fn identification(&self, problem: &Problem<'_>, descent: &Refinement, correlation_time: f32) -> Identification {
