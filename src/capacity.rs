@@ -35,4 +35,4 @@ pub const LEAD_VALUES: usize = 960;
 /// Bytes of an encoded bridge model.
 pub const MODEL_BLOB_BYTES: usize = 4608;
 /// Bytes of one message's payload in a frame.
-pub const PAYLOAD_BYTES: usize = 560;
+pub const PAYLOAD_BYTES: usize = 512;

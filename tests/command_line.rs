@@ -672,3 +672,49 @@ fn bridge_files_with_mistakes_are_refused_by_line() {
         assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
     }
 }
+
+#[test]
+fn a_sudden_loss_is_believed_when_a_second_passage_agrees_though_the_logger_restarts_in_between() {
+    let folder = folder();
+    let simulate = |name: &str, seed: &str, damage: &[&str]| {
+        let noise = ["--noise", "0.05", "--nodes", "3,6,9", "--seed", seed, "-o", name];
+        let plain = [
+            "simulate",
+            "--bridge",
+            "girder50",
+            "--train",
+            "inspection-2dof",
+            "--cars",
+            "1",
+        ];
+        let run = ["--speed-kmh", "60", "--rate-hz", "200", "--antialias-hz", "40"];
+        succeeds(folder.path(), &[&plain[..], &run, damage, &noise].concat());
+    };
+    simulate("whole1.csv", "1", &[]);
+    simulate("whole2.csv", "2", &[]);
+    simulate("lost1.csv", "3", &["--damage", "5=0.2"]);
+    simulate("lost2.csv", "4", &["--damage", "5=0.2"]);
+    // Each call is a logger of its own: what it knows comes from the file and goes into it.
+    let said: Vec<(String, Option<f64>)> = ["whole1.csv", "whole2.csv", "lost1.csv", "lost2.csv"]
+        .into_iter()
+        .map(|recording| {
+            let text = succeeds(folder.path(), &["replay", recording, "--evidence", "e", "--json"]);
+            let of = |event: &str| text.lines().map(json).find(|line| line["event"] == event);
+            let change = of("passage").expect("a passage")["change"]
+                .as_str()
+                .expect("a word")
+                .to_owned();
+            (
+                change,
+                of("alert").map(|alert| alert["passages"].as_f64().expect("a number")),
+            )
+        })
+        .collect();
+    let expected = [
+        ("none", None),
+        ("none", None),
+        ("outlier", Some(1.0)),
+        ("sudden", Some(2.0)),
+    ];
+    assert_eq!(said, expected.map(|(change, passages)| (change.to_owned(), passages)));
+}

@@ -4,11 +4,11 @@
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
-use spanwatch::identify::evidence::{Change, EVIDENCE_BYTES};
+use spanwatch::identify::evidence::Change;
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
-    Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Configuration, Effort, Event, Fit, Health,
-    Memory, ModelChunk, Outcome, PassageReport, Quality, Quantity, Ranges, Request, Restart, RivalReport, SampleBlock,
+    Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Chunk, Configuration, Effort, Event, Fit,
+    Health, Memory, Outcome, PassageReport, Quality, Quantity, Ranges, Request, Restart, RivalReport, SampleBlock,
     Status, Traffic, TrainKind, Trigger, Verdict,
 };
 use spanwatch::wire::{CRC32C, Decoder, FrameBuffer, Kind};
@@ -33,6 +33,14 @@ fn alert() -> Event {
         objective_healthy: 1e-3,
         forward_solves: u32::MAX,
     })
+}
+
+fn chunk() -> Chunk {
+    Chunk {
+        offset: u32::MAX,
+        total: u32::MAX,
+        bytes: [u8::MAX; CHUNK_BYTES].into_iter().collect(),
+    }
 }
 
 /// The longest message of each kind.
@@ -62,13 +70,9 @@ fn requests() -> Vec<Request> {
             memory: Memory::default(),
             seed: u64::MAX,
         }),
-        Request::Evidence,
-        Request::Restore([u8::MAX; EVIDENCE_BYTES].into_iter().collect()),
-        Request::Model(ModelChunk {
-            offset: u32::MAX,
-            total: u32::MAX,
-            bytes: [0; CHUNK_BYTES].into_iter().collect(),
-        }),
+        Request::Evidence { offset: u32::MAX },
+        Request::Restore(chunk()),
+        Request::Model(chunk()),
         Request::Samples(SampleBlock {
             first_sample: u64::MAX,
             counts: [i32::MIN; BLOCK_COUNTS].into_iter().collect(),
@@ -89,7 +93,7 @@ fn answers() -> Vec<Answer> {
             outcome: Outcome::Done,
             busy: true,
         }),
-        Answer::Evidence([u8::MAX; EVIDENCE_BYTES].into_iter().collect()),
+        Answer::Evidence(chunk()),
         Answer::Status(Status {
             samples: u64::MAX,
             passages: u32::MAX,

@@ -436,6 +436,25 @@ impl Observed {
         let first = ((entry_s - entry_range_s - BEFORE_S).max(0.0) * rate) as usize;
         let last = (((latest + entry_range_s + AFTER_S) * rate) as usize).min(all.len() / channels);
         observation.run.entry_time_s = (entry_s - first as f64 / rate) as f32;
+        let window = &all[first * channels..last * channels];
+        for (c, channel) in prepared.recording.channels.iter().enumerate() {
+            let values = || window.iter().skip(c).step_by(channels).filter(|value| !value.is_nan());
+            if values().all(|value| Some(value) == values().next()) {
+                bail!(
+                    "{name}: channel \"{}\" does not move while the train passes: its sensor is dead, or always at the end of its \
+                     range; leave it out of the TOML",
+                    channel.column
+                );
+            }
+        }
+        let lost = window.iter().filter(|value| value.is_nan()).count();
+        if lost > 0 {
+            let text = format!(
+                "{name}: {lost} of {} samples of the passage are missing or saturated and left out",
+                window.len()
+            );
+            note = Some(note.map_or(text.clone(), |note| format!("{note}\nnote: {text}")));
+        }
         let observed = Self {
             bridge,
             observation,

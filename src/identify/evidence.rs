@@ -46,9 +46,7 @@
 //! "SWEV" | format version u8 | CRC-32C of the bridge's blob u32 | postcard of Layout | CRC-32C of all before     little endian
 //! ```
 //!
-//! The passage that is kept aside is not in them; it comes back as never seen.
-//!
-//! Cost: 1.4 kB; 547 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
+//! Cost: 1.4 kB; 812 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
 
 use core::fmt;
 
@@ -63,7 +61,7 @@ use crate::wire::CRC32C;
 /// Version of the layout; a reader accepts its own only.
 pub const FORMAT_VERSION: u8 = 1;
 /// Bytes of an [`Evidence`] as written by [`Evidence::to_bytes`].
-pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 2 * (1 + 4 * PACKED) + 3 * 4 + CRC_BYTES;
+pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 3 * (1 + 4 * PACKED) + 4 * 4 + CRC_BYTES;
 const MAGIC: [u8; 4] = *b"SWEV";
 const HEAD_BYTES: usize = MAGIC.len() + 1 + 4;
 const CRC_BYTES: usize = 4;
@@ -324,7 +322,12 @@ impl Evidence {
         let layout = Layout {
             long: pack(&self.long.information),
             recent: pack(&self.recent.information),
-            passages: [self.long.passages, self.recent.passages],
+            stranger: pack(&self.stranger.unwrap_or(Memory::EMPTY).information),
+            passages: [
+                self.long.passages,
+                self.recent.passages,
+                self.stranger.map_or(0.0, |stranger| stranger.passages),
+            ],
             settling: self.settling,
         };
         let (head, rest) = buffer.split_first_chunk_mut::<HEAD_BYTES>()?;
@@ -370,7 +373,7 @@ impl Evidence {
                 .filter(|_| sound && empty == (passages == 0.0))
                 .ok_or(EvidenceError::Contents)
         };
-        let [long, recent] = layout.passages;
+        let [long, recent, stranger] = layout.passages;
         if !rest.is_empty() || !(0.0..=f32::MAX).contains(&layout.settling) {
             return Err(EvidenceError::Contents);
         }
@@ -379,7 +382,7 @@ impl Evidence {
             long: memory(&layout.long, long)?,
             recent: memory(&layout.recent, recent)?,
             settling: layout.settling,
-            stranger: None,
+            stranger: Some(memory(&layout.stranger, stranger)?).filter(|stranger| stranger.passages > 0.0),
         })
     }
 }
@@ -411,7 +414,8 @@ fn contradiction(a: &Memory, b: &Memory) -> Option<f32> {
 struct Layout {
     long: Vec<f32, PACKED>,
     recent: Vec<f32, PACKED>,
-    passages: [f32; 2],
+    stranger: Vec<f32, PACKED>,
+    passages: [f32; 3],
     settling: f32,
 }
 

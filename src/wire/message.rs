@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bridge::BlobError;
 use crate::capacity::{CHANNELS, ELEMENTS};
-use crate::identify::evidence::{Change, EVIDENCE_BYTES, EvidenceError};
+use crate::identify::evidence::{Change, EvidenceError};
 use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
 
@@ -26,21 +26,21 @@ pub enum Request {
     /// How to read the sensors, what to call a passage, which train comes.
     Configure(Configuration),
     /// A piece of the bridge model's blob.
-    Model(ModelChunk),
+    Model(Chunk),
     /// Raw sensor counts, as a sensor driver would deliver them.
     Samples(SampleBlock),
     /// The recording ends here: close an open passage, finish its identification.
     Finish,
     /// Send a [`Status`].
     Status,
-    /// Send what all passages say of the bridge, to be kept and restored after a restart.
-    Evidence,
-    /// What an earlier logger sent: go on from there.
-    Restore(EvidenceBytes),
+    /// Send what all passages say of the bridge, from this byte on, to be kept and restored after a restart.
+    Evidence {
+        /// The byte; 0 for the first piece.
+        offset: u32,
+    },
+    /// A piece of what an earlier logger sent: go on from there.
+    Restore(Chunk),
 }
-
-/// An [`Evidence`](crate::identify::evidence::Evidence) as bytes.
-pub type EvidenceBytes = Vec<u8, EVIDENCE_BYTES>;
 
 /// What a logger says to each request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,8 +50,8 @@ pub enum Answer {
     Acknowledgement(Acknowledgement),
     /// The logger's health.
     Status(Status),
-    /// What all passages say of the bridge.
-    Evidence(EvidenceBytes),
+    /// A piece of what all passages say of the bridge.
+    Evidence(Chunk),
 }
 
 /// What a logger says on its own.
@@ -226,12 +226,12 @@ pub enum TrainKind {
     Shinkansen3d,
 }
 
-/// A piece of the bridge model's blob; the pieces come in order.
+/// A piece of a bridge model's blob or of an evidence; the pieces come in order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ModelChunk {
-    /// Place of the first byte in the blob.
+pub struct Chunk {
+    /// Place of the first byte in the whole.
     pub offset: u32,
-    /// Bytes of the whole blob.
+    /// Bytes of the whole.
     pub total: u32,
     /// The bytes.
     pub bytes: Vec<u8, CHUNK_BYTES>,
@@ -267,7 +267,7 @@ pub enum Outcome {
     Model(BlobError),
     /// Samples before a configuration, or counts that do not fit the channels.
     Samples,
-    /// Chunks of the model out of order, or too many bytes.
+    /// Pieces of a model or an evidence out of order, or too many bytes.
     Chunk,
     /// The evidence cannot be gone on from.
     Evidence(EvidenceError),

@@ -222,6 +222,8 @@ fn as_json(found: &Found, tail: Option<&identification::Tail>, elements: usize, 
         "converged": found.converged,
         "free_vibration": tail.map(free_vibration_json),
         "stop": sure.map(|found| words::stop(found.stop)),
+        "contradiction": sure.map(|found| found.estimate.contradiction),
+        "kind": sure.map(|found| words::kind(found, elements)),
         "verdict": sure.map(|found| words::verdict(found, elements)),
     })
 }

@@ -9,7 +9,7 @@ use host_sim::output;
 use host_sim::replay::{self, Told};
 use host_sim::station::{Station, store::Store, words};
 use serde_json::json;
-use spanwatch::wire::message::{Alert, PassageReport, Quantity, Verdict};
+use spanwatch::wire::message::{Alert, PassageReport, Quantity, Status, Verdict};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -117,11 +117,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             ))?;
         }
         samples += status.samples;
-        last = Some(status);
+        // The logger counts anew with each recording.
+        last = Some(Status {
+            samples,
+            passages,
+            alerts,
+            ..status
+        });
         if let Some(path) = arguments.evidence.as_ref().filter(|_| prepared.bridge.is_some()) {
             let bytes = station.evidence()?;
             output::write(&[(path, &bytes)])?;
-            evidence = Some(bytes.to_vec());
+            evidence = Some(bytes);
         }
     }
     let Some(status) = last else { return Ok(()) };

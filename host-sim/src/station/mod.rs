@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::wire::frame::Refusal;
 use spanwatch::wire::message::{
-    Answer, CHUNK_BYTES, Configuration, Event, EvidenceBytes, ModelChunk, Outcome, Request, SampleBlock, Status,
+    Answer, CHUNK_BYTES, Chunk, Configuration, Event, Outcome, Request, SampleBlock, Status,
 };
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
@@ -74,32 +74,39 @@ impl Station {
 
     /// Gives the logger a bridge model.
     pub fn load(&mut self, bridge: &ReducedBridge<f64>) -> Result<()> {
-        let blob = model::to_blob(bridge)?;
-        for (chunk, bytes) in blob.chunks(CHUNK_BYTES).enumerate() {
-            let chunk = ModelChunk {
-                offset: (chunk * CHUNK_BYTES) as u32,
-                total: blob.len() as u32,
-                bytes: bytes.iter().copied().collect(),
-            };
-            self.command(&Request::Model(chunk))?;
-        }
-        Ok(())
+        self.send_whole(&model::to_blob(bridge)?, Request::Model)
     }
 
     /// What all passages say of the bridge, as the logger keeps it.
-    pub fn evidence(&mut self) -> Result<EvidenceBytes> {
-        match self.ask(&Request::Evidence)? {
-            Answer::Evidence(bytes) => Ok(bytes),
-            _ => bail!("the logger answers a question with something else: is it of another version?"),
+    pub fn evidence(&mut self) -> Result<Vec<u8>> {
+        let mut bytes = vec![];
+        loop {
+            let offset = bytes.len() as u32;
+            let Answer::Evidence(chunk) = self.ask(&Request::Evidence { offset })? else {
+                bail!("the logger answers a question with something else: is it of another version?");
+            };
+            bytes.extend_from_slice(&chunk.bytes);
+            if chunk.bytes.is_empty() || bytes.len() >= chunk.total as usize {
+                return Ok(bytes);
+            }
         }
     }
 
     /// Lets the logger go on from what an earlier one knew of the bridge.
     pub fn restore(&mut self, evidence: &[u8]) -> Result<()> {
-        let bytes = EvidenceBytes::try_from(evidence)
-            .ok()
-            .context("these bytes are no evidence: there are too many of them")?;
-        self.command(&Request::Restore(bytes)).map(|_| ())
+        self.send_whole(evidence, Request::Restore)
+    }
+
+    /// Sends bytes in pieces.
+    fn send_whole(&mut self, bytes: &[u8], request: fn(Chunk) -> Request) -> Result<()> {
+        for (piece, part) in bytes.chunks(CHUNK_BYTES).enumerate() {
+            self.command(&request(Chunk {
+                offset: (piece * CHUNK_BYTES) as u32,
+                total: bytes.len() as u32,
+                bytes: part.iter().copied().collect(),
+            }))?;
+        }
+        Ok(())
     }
 
     /// Sends samples, whether the logger is busy or not, as a sensor would; tells whether it is identifying something now.
@@ -151,7 +158,9 @@ impl Station {
                     bail!("the logger refuses the samples: it has no configuration, or they fit no channels")
                 }
                 Outcome::Chunk => {
-                    bail!("the logger refuses a piece of the bridge model: it is out of order or too long")
+                    bail!(
+                        "the logger refuses a piece of the bridge model or the evidence: it is out of order or too long"
+                    )
                 }
                 Outcome::Evidence(error) => bail!("the logger refuses the evidence: {error}"),
             },

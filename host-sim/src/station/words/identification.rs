@@ -136,13 +136,30 @@ pub fn verdict(found: &Identification, elements: usize) -> String {
             .filter(|rival| estimate.damage[rival.whole] >= WORTH_A_WORD)
             .map(|rival| other_explanation(rival, certain.count_ones() as usize + suspect.len() == 1, elements)),
     );
-    sentences.extend(
-        groups
-            .into_iter()
-            .map(|group| cannot_be_told_apart(found, elements, group)),
-    );
+    if certain != 0 || !suspect.is_empty() || lost_somewhere {
+        sentences.extend(
+            groups
+                .into_iter()
+                .map(|group| cannot_be_told_apart(found, elements, group)),
+        );
+    }
     sentences.push(unseen(found, elements, !suspect.is_empty() || lost_somewhere));
     sentences.join(" ")
+}
+
+/// The verdict as a word, for programs: `unexplained`, `implausible`, `damaged`, `undecided` or `healthy`, as a logger decides.
+pub fn kind(found: &Identification, elements: usize) -> &'static str {
+    if !found.explained() {
+        "unexplained"
+    } else if found.estimate.contradiction > CONTRADICTION {
+        "implausible"
+    } else if found.certain() != 0 {
+        "damaged"
+    } else if found.hidden(elements) > HIDDEN {
+        "undecided"
+    } else {
+        "healthy"
+    }
 }
 
 /// `11.1 % (95 %: 9.2 to 13.0 %)`.
