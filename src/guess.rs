@@ -214,15 +214,26 @@ impl FirstGuess {
             }
             if let Found::Growth(simulated) = pass.found() {
                 let tried = self.compare(problem, &simulated, speed_mps, soft);
-                if self.best.is_none_or(|best| tried.misfit < best.misfit) {
+                if tried.misfit.is_finite() && self.best.is_none_or(|best| tried.misfit < best.misfit) {
                     self.best = Some(tried);
                 }
             }
         }
-        self.trying = self.next_run(problem.bridge, problem.observation);
-        let Some((speed_mps, soft)) = self.trying else {
-            return Ok(self.conclude(problem));
-        };
+        loop {
+            self.trying = self.next_run(problem.bridge, problem.observation);
+            let Some((speed_mps, soft)) = self.trying else {
+                return Ok(self.conclude(problem));
+            };
+            // A speed at which the train would stop on its way is passed over, unless it is the one that is given.
+            match self.begin(problem, pass, speed_mps, soft) {
+                Err(error) if !self.unknown.speed => return Err(error),
+                Err(_) => {}
+                Ok(()) => return Ok(Progress::More),
+            }
+        }
+    }
+
+    fn begin(&self, problem: &Problem<'_>, pass: &mut Pass, speed_mps: f32, soft: bool) -> Result<(), SetupError> {
         let expected = problem.observation.expected();
         let hypothesis = Hypothesis {
             damage: if soft { SOFT } else { UNDAMAGED },
@@ -233,8 +244,7 @@ impl FirstGuess {
             },
             ..expected
         };
-        pass.grow(problem, &hypothesis)?;
-        Ok(Progress::More)
+        pass.grow(problem, &hypothesis)
     }
 
     fn conclude(&self, problem: &Problem<'_>) -> Progress {

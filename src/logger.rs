@@ -19,6 +19,7 @@ use crate::guess::{self, FirstGuess, Progress, Unknown};
 use crate::identify::estimate::{CONTRADICTION, Estimate};
 use crate::identify::evidence::{Change, Evidence, EvidenceError, Forgetting};
 use crate::identify::hybrid::HIDDEN;
+use crate::identify::refine::Stop;
 use crate::identify::{Hybrid, Identification, Pass, Problem};
 use crate::interaction::simulation::{Recorder, Sensor};
 use crate::interaction::{Direction, Observation, Run, Scheme, SetupError};
@@ -507,6 +508,9 @@ impl Logger {
             return;
         };
         let Some(found) = search.result() else { return };
+        if found.stop == Stop::Budget {
+            return self.end_work(Verdict::NotIdentified(Reason::OutOfTime));
+        }
         if !found.explained() {
             return self.end_work(Verdict::NotIdentified(Reason::Unexplained));
         }

@@ -142,7 +142,13 @@ impl Information {
         estimate.damage = losses(&best.at);
         // The slope is 0 at the centre, so all of the rise is in the square.
         let held_back = centre - best.at;
-        estimate.contradiction = math::sqrt(held_back.dot(&(self.slope(&centre) - self.slope(&best.at))).max(0.0));
+        let rise = held_back.dot(&(self.slope(&centre) - self.slope(&best.at)));
+        // What is no number is no agreement.
+        estimate.contradiction = if rise.is_nan() {
+            f32::INFINITY
+        } else {
+            math::sqrt(rise.max(0.0))
+        };
         for e in 0..elements.min(ELEMENTS) {
             if variances[e].is_finite() {
                 let deviation = math::sqrt(variances[e]);

@@ -9,8 +9,8 @@
 //! | correlate | asks how independent the residuals are; if hardly, descends once more from an entry a car later and earlier | a correlation |
 //! | doubt | descends from the mirror image, the most certain element held whole: what else could it be? | linearisations |
 //!
-//! The first two are passed over if all of speed, entry, load and stiffness are known. [`Hybrid::advance`] does one bounded slice, a
-//! few milliseconds of the logger. Deterministic for a seed.
+//! The first two are passed over if all of speed, entry, load and stiffness are known. [`Hybrid::advance`] does one bounded slice, 7
+//! million instructions of the logger at most. Deterministic for a seed.
 //!
 //! In the first two the stiffness of the whole bridge stands for any damage, whether it is known or not. A softer bridge's free vibration
 //! falls behind, and under one that is too stiff the entry that fits best is the true one give or take whole periods of the
@@ -49,8 +49,8 @@ const ROUNDS: u32 = 2;
 const NOT_NOISE: f32 = 3.0;
 /// Other entries that are tried then: a car later and a car earlier.
 const NEIGHBOURS: u32 = 2;
-/// Solver steps that an identification may take in all: at 6,000 instructions each and 168 MHz, two minutes of the three
-/// between trains.
+/// Solver steps after which an identification is ended, the pass that is running excepted: at 6,000 instructions each and 168 MHz,
+/// two minutes of the three between trains. What it has found by then is no answer ([`Stop::Budget`]).
 const MOST_STEPS: u64 = 3_400_000;
 
 /// Part of the recording's power that may remain unexplained; beyond it, the model is not of this passage.
@@ -65,6 +65,8 @@ const OUT_OF_STEP: f32 = 0.125;
 /// Stiffnesses of the whole bridge that stand for damage while the train is aligned, as parts of the model's, less one: two elements
 /// that have lost 40 % lower the first frequency by a tenth. Under the healthy bridge alone the best entry is a period off then.
 const SOFTER: [f32; 3] = [0.0, -0.1, -0.2];
+/// Solver steps that alignment may take: the rest is for the searches behind it.
+const ALIGN_STEPS: u64 = 2 * MOST_STEPS / 5;
 /// Solver steps that alignment may take for more than the first of them: a quarter of all. A long and slow train, with its many
 /// speeds, needs them least, since its own rhythm tells its entry.
 const SOFTER_STEPS: u64 = MOST_STEPS / 4;
@@ -119,7 +121,12 @@ pub struct Rival {
 impl Identification {
     /// Bit `e` is set where element `e` (from 0) is damaged beyond doubt.
     pub fn certain(&self) -> u16 {
-        if self.explained() { self.estimate.certain() } else { 0 }
+        if !self.explained() || self.stop == Stop::Budget {
+            return 0;
+        }
+        // What a rival explains nearly as well is not beyond doubt.
+        let rivalled = self.rival.filter(|rival| rival.loses_by < TOLD_APART);
+        self.estimate.certain() & !rivalled.map_or(0, |rival| 1 << rival.whole)
     }
 
     /// The largest loss of a single element that need not have been found certain.
@@ -175,6 +182,8 @@ pub struct Hybrid {
     round: u32,
     /// Other entries from which it has descended.
     neighbours: u32,
+    /// It has gone on from a rival that was better.
+    turned: bool,
     /// Cost so far, tenths of a solver step.
     tenths: u64,
     objective_healthy: f32,
@@ -196,6 +205,7 @@ impl Hybrid {
             stop: Stop::Converged,
             round: 1,
             neighbours: 0,
+            turned: false,
             tenths: 0,
             objective_healthy: 0.0,
         }
@@ -244,7 +254,9 @@ impl Hybrid {
             let first_hz = math::sqrt(problem.bridge.lambda[0]) / core::f32::consts::TAU;
             let spacing = 2.0 * OUT_OF_STEP * problem.observation.run.speed_mps / (first_hz * way_m);
             let speeds = (ranges.speed / spacing + 0.999) as u32;
-            self.speed = [0, speeds.min(MOST_SPEEDS)];
+            // As many as alignment has time for, whatever their spacing is then.
+            let affordable = (10 * ALIGN_STEPS / solve(problem)).saturating_sub(1) / 2;
+            self.speed = [0, speeds.min(MOST_SPEEDS).min(affordable as u32)];
             let solves = u64::from(2 * self.speed[1] + 1) * solve(problem);
             let stiffnesses = (10 * SOFTER_STEPS).checked_div(solves).unwrap_or(0) as usize;
             self.softer = [0, stiffnesses.clamp(1, SOFTER.len())];
@@ -273,7 +285,19 @@ impl Hybrid {
         let weights = self.weights();
         match self.stage {
             Stage::Begin | Stage::Over => Ok(()),
-            Stage::Align => pass.compare(problem, &self.tried_speed(problem), weights, self.shifts(problem)),
+            Stage::Align => {
+                // A speed at which the train would stop on its way is passed over.
+                while pass
+                    .compare(problem, &self.tried_speed(problem), weights, self.shifts(problem))
+                    .is_err()
+                {
+                    self.next_speed(problem);
+                    if self.stage != Stage::Align {
+                        return self.ask(problem, pass);
+                    }
+                }
+                Ok(())
+            }
             Stage::Search => match self
                 .pattern(problem)
                 .filter(|_| !self.spent() || self.best.1.is_infinite())
@@ -290,7 +314,15 @@ impl Hybrid {
             Stage::Settle | Stage::Descend | Stage::Doubt => {
                 let Some(descent) = &self.descent else { return Ok(()) };
                 match descent.wants() {
-                    Want::Probe(theta) => pass.compare(problem, &theta, descent.weights(), Shifts::NONE),
+                    Want::Probe(theta) => {
+                        let begun = pass.compare(problem, &theta, descent.weights(), Shifts::NONE);
+                        if begun.is_ok() {
+                            return begun;
+                        }
+                        // It cannot be so: as bad as can be.
+                        self.hear_probe(problem, &Squares::HOPELESS);
+                        self.ask(problem, pass)
+                    }
                     Want::Linearise(theta) => pass.linearise(problem, &theta, descent.weights(), &descent.free()),
                 }
             }
@@ -307,25 +339,34 @@ impl Hybrid {
         match (self.stage, found) {
             (Stage::Align, Found::Comparison(comparison)) => self.hear_speed(problem, comparison),
             (Stage::Search, Found::Comparison(comparison)) => self.hear_pattern(problem, comparison),
-            (Stage::Settle | Stage::Descend | Stage::Doubt, found) => {
-                let stop = match (&mut self.descent, found) {
-                    (Some(descent), Found::Comparison(comparison)) => {
-                        let terms = terms(problem, self.stage, descent);
-                        descent.told(&comparison.residuals, &terms)
-                    }
-                    (Some(descent), Found::Normal(normal)) => {
-                        let terms = terms(problem, self.stage, descent);
-                        descent.told_normal(normal, &terms)
-                    }
-                    _ => Some(Stop::NoProgress),
-                };
-                let spent = self.spent().then_some(Stop::Budget);
-                if let Some(stop) = stop.or(spent) {
-                    self.end_descent(problem, stop);
+            (Stage::Settle | Stage::Descend | Stage::Doubt, Found::Comparison(comparison)) => {
+                self.hear_probe(problem, &comparison.residuals);
+            }
+            (Stage::Settle | Stage::Descend | Stage::Doubt, Found::Normal(normal)) => {
+                if let Some(descent) = &mut self.descent {
+                    let terms = terms(problem, self.stage, descent);
+                    let stop = descent.told_normal(normal, &terms);
+                    self.go_on(problem, stop);
                 }
             }
             (Stage::Correlate, Found::CorrelationTime(time)) => self.conclude(problem, time),
             _ => {}
+        }
+    }
+
+    fn hear_probe(&mut self, problem: &Problem<'_>, residuals: &Squares) {
+        if let Some(descent) = &mut self.descent {
+            let terms = terms(problem, self.stage, descent);
+            let stop = descent.told(residuals, &terms);
+            self.go_on(problem, stop);
+        }
+    }
+
+    /// Ends the descent if it has stopped, or the time is over.
+    fn go_on(&mut self, problem: &Problem<'_>, stop: Option<Stop>) {
+        let spent = self.spent().then_some(Stop::Budget);
+        if let Some(stop) = stop.or(spent) {
+            self.end_descent(problem, stop);
         }
     }
 
@@ -355,6 +396,11 @@ impl Hybrid {
     fn hear_speed(&mut self, problem: &Problem<'_>, comparison: &Comparison) {
         let tried = self.tried_speed(problem);
         self.keep(problem, tried, comparison);
+        self.next_speed(problem);
+    }
+
+    /// Goes on to the next speed and stiffness; behind the last, to the next stage.
+    fn next_speed(&mut self, problem: &Problem<'_>) {
         self.softer[0] += 1;
         if self.softer[0] >= self.softer[1] {
             self.softer[0] = 0;
@@ -555,9 +601,9 @@ impl Hybrid {
         }
         worse /= answer.correlation_time;
         worse += problem.terms(descent.best()).squares() - problem.terms(&answer.theta).squares();
-        if worse < 0.0 && self.round < ROUNDS {
+        if worse < 0.0 && !self.turned {
             // It is the better explanation: what was found was not the bottom.
-            self.round += 1;
+            self.turned = true;
             self.descent = Some(Refinement::new(descent.best(), limits, self.power, descent.weights()));
             self.answer = None;
             self.stage = Stage::Descend;

@@ -73,6 +73,12 @@ impl Squares {
         count: [0.0; CHANNELS],
     };
 
+    /// Residuals of what cannot be.
+    pub const HOPELESS: Self = Self {
+        sum: [f32::INFINITY; CHANNELS],
+        count: [1.0; CHANNELS],
+    };
+
     /// Adds a sample's values; those that are not numbers are passed over.
     pub fn add(&mut self, values: impl IntoIterator<Item = f32>) {
         for ((sum, count), value) in self.sum.iter_mut().zip(&mut self.count).zip(values) {

@@ -78,7 +78,14 @@ impl<T: Real> Run<T> {
                 speed_mps: v,
             };
         }
+        // Before it has started, and after it has stopped, it stands.
+        let standstill = -v / a;
         let t = n * step_s - self.entry_time_s;
+        let t = if a > T::zero() {
+            t.max(standstill)
+        } else {
+            t.min(standstill)
+        };
         TrainPosition {
             way_m: t * (v + T::of(0.5) * a * t),
             speed_mps: v + a * t,

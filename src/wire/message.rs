@@ -13,7 +13,7 @@ use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -380,7 +380,7 @@ pub enum Reason {
     NoModel,
     /// Nobody said which train comes.
     NoTraffic,
-    /// The passage is longer than the memory for it, or than its identification can be.
+    /// The passage is longer than the memory for it.
     TooLong,
     /// An earlier passage was still being identified.
     Busy,
@@ -392,6 +392,8 @@ pub enum Reason {
     Setup(SetupError),
     /// No pattern of damage explains the record.
     Unexplained,
+    /// The search could not be ended within the time between trains.
+    OutOfTime,
     /// It is explained only if elements gain stiffness: train, track or bridge are not those of the model.
     Implausible,
 }

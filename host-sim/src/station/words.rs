@@ -117,6 +117,9 @@ fn why(reason: &Reason) -> String {
             "the train that was announced did not enter the bridge during it, or takes longer to cross it".to_owned()
         }
         Reason::Setup(error) => format!("train, bridge and sensors do not go together ({error})"),
+        Reason::OutOfTime => {
+            "the search could not be ended in time; give speed and entry time, or a narrower range of them".to_owned()
+        }
         Reason::Implausible => {
             "the record is explained only if elements have gained stiffness, so train, speed, track or bridge are not those of \
              the model"

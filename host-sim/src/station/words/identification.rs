@@ -69,6 +69,11 @@ pub struct Ran {
 /// The verdict on a bridge of so many elements, sentence after sentence in one line.
 pub fn verdict(found: &Identification, elements: usize) -> String {
     let elements = elements.min(ELEMENTS);
+    if found.stop == Stop::Budget {
+        return "Nothing is decided: the search ran out of time before it had converged. Give speed and entry time, or a narrower range \
+                of them."
+            .to_owned();
+    }
     if !found.explained() {
         return format!(
             "No damage explains this passage: the best leaves {} of the signal's power unexplained. Check train, speed, entry time, \
@@ -147,9 +152,11 @@ pub fn verdict(found: &Identification, elements: usize) -> String {
     sentences.join(" ")
 }
 
-/// The verdict as a word, for programs: `unexplained`, `implausible`, `damaged`, `undecided` or `healthy`, as a logger decides.
+/// The verdict as a word, for programs: `out of time`, `unexplained`, `implausible`, `damaged`, `undecided` or `healthy`, as a logger decides.
 pub fn kind(found: &Identification, elements: usize) -> &'static str {
-    if !found.explained() {
+    if found.stop == Stop::Budget {
+        "out of time"
+    } else if !found.explained() {
         "unexplained"
     } else if found.estimate.contradiction > CONTRADICTION {
         "implausible"
