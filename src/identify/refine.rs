@@ -207,11 +207,8 @@ impl Refinement {
         let mut model = self.normal;
         for i in 0..UNKNOWNS {
             model.matrix[(i, i)] += self.limits.prior[i];
-            model.vector[i] -= self.limits.prior[i] * self.best[i];
-        }
-        let undamped = model;
-        for i in 0..UNKNOWNS {
             model.matrix[(i, i)] *= 1.0 + self.damping;
+            model.vector[i] -= self.limits.prior[i] * self.best[i];
         }
         let lower = core::array::from_fn(|i| self.limits.lower[i] - self.best[i]);
         let upper = core::array::from_fn(|i| self.limits.upper[i] - self.best[i]);
@@ -219,7 +216,9 @@ impl Refinement {
             return Some(Stop::NoProgress);
         };
         let trial = self.limits.nearest(&(self.best + minimum.at));
-        self.promised = -2.0 * undamped.value(&minimum.at);
+        // Without what the damping has added to the model.
+        let damped = self.damping / (1.0 + self.damping) * model.size(&minimum.at);
+        self.promised = damped - 2.0 * model.value(&minimum.at);
         let still = alike(&trial, &self.best, 0.1);
         self.want = Want::Probe(trial);
         still.then_some(Stop::Converged)
