@@ -36,3 +36,7 @@ pub const LEAD_VALUES: usize = 960;
 pub const MODEL_BLOB_BYTES: usize = 4608;
 /// Bytes of one message's payload in a frame.
 pub const PAYLOAD_BYTES: usize = 512;
+/// Knots of the rail's profile.
+pub const PROFILE_KNOTS: usize = 132;
+/// B-splines that stand on them.
+pub const PROFILE_COEFFICIENTS: usize = PROFILE_KNOTS - 4;

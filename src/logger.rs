@@ -28,6 +28,7 @@ use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::train::PlanarTrain;
+use crate::train::profile::Profile;
 use crate::wire::CRC32C;
 use crate::wire::message::{
     Alert, Channel, Configuration, Event, Fit, Memory, PassageReport, Quality, Quantity, Ranges, Reason, RivalReport,
@@ -243,6 +244,8 @@ pub struct Logger {
     configuration: Slot<Configuration>,
     /// Of no elements until one is loaded.
     bridge: ReducedBridge<f32>,
+    /// The rail's profile; smooth until one is loaded.
+    track: Profile<f32>,
     stream: Stream,
     work: Slot<Work>,
     /// Memory for the work.
@@ -269,6 +272,7 @@ impl Logger {
         Self {
             configuration: Slot::Empty,
             bridge: ReducedBridge::EMPTY,
+            track: Profile::SMOOTH,
             stream: Stream::new(),
             work: Slot::Empty,
             pass: Pass::new(),
@@ -345,6 +349,7 @@ impl Logger {
         };
         let problem = Problem {
             bridge: &self.bridge,
+            track: &self.track,
             observation: &work.observation,
             samples: self.stream.passage_samples(),
             free_vibration: None,

@@ -172,6 +172,7 @@ fn outcome(bridge: &Structure, train: TrainKind, cars: usize, speed_kmh: f64, wo
     let guess = loop {
         let problem = Problem {
             bridge: &observed.bridge,
+            track: &observed.track,
             observation,
             samples,
             free_vibration: None,

@@ -1,13 +1,17 @@
 //! The derivatives that an identification descends by: against differences of whole simulations.
 
 use host_sim::model::{self, reduce::reduce};
+use host_sim::random::gaussian;
+use rand_core::SeedableRng;
+use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::{ELEMENTS, MODES, UNKNOWNS};
-use spanwatch::interaction::sensitivity::{ENTRY, LOAD, SPEED, STIFFNESS};
+use spanwatch::interaction::sensitivity::{ENTRY, LOAD, Response, SPEED, STIFFNESS, Surrounding};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Direction, Hypothesis, Observation, Run, Scheme, Sensitivities, Simulation};
 use spanwatch::slot::Slot;
 use spanwatch::train::PlanarTrain;
+use spanwatch::train::profile::{Knots, Profile, Stretch};
 use spanwatch::wire::message::{Quantity, TrainKind};
 
 /// Relative RMS error of the derivative by a loss, against central differences: what [`sensitivity`](spanwatch::interaction::sensitivity)
@@ -20,8 +24,34 @@ fn girder50() -> ReducedBridge<f64> {
     reduce(&model::shipped("girder50").expect("ships")).expect("stands")
 }
 
+/// A profile of 1 mm of chance on each coefficient, to either side of the bridge and on it.
+fn rough() -> Profile<f64> {
+    let stretch = |from_m, spacing_m, spans| Stretch {
+        from_m,
+        spacing_m,
+        spans,
+    };
+    let knots = Knots::new(&[
+        stretch(-100.0, 3.0, 30),
+        stretch(-10.0, 0.8, 80),
+        stretch(54.0, 3.0, 10),
+    ]);
+    let knots = knots.expect("they join");
+    Profile::new(knots, &rough_coefficients())
+}
+
+fn rough_coefficients() -> Vec<f64> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+    (0..117).map(|_| 1e-3 * gaussian(&mut rng)).collect()
+}
+
+/// By speed and entry time on a rough track: the steps meet the kinks of the curvature at other places then. Measured: 1.9 and 3.0 % on one
+/// of 1 mm at every 0.8 m.
+const BY_WAY_WHERE_ROUGH: f64 = 0.05;
+
 struct Passage {
     bridge: ReducedBridge<f64>,
+    track: Profile<f64>,
     observed: Observation<f64>,
     truth: Hypothesis<f64>,
     samples: usize,
@@ -34,6 +64,7 @@ fn passage(
     quantity: Quantity,
     direction: Direction,
     braking: f64,
+    track: Profile<f64>,
 ) -> Passage {
     let bridge = girder50();
     let train = PlanarTrain::of_kind(kind, cars).expect("a train");
@@ -57,6 +88,7 @@ fn passage(
     let left_s = run.time_at_s(way_m).expect("it leaves");
     Passage {
         bridge,
+        track,
         observed,
         truth,
         samples: ((left_s + 2.0) * 200.0) as usize,
@@ -65,10 +97,10 @@ fn passage(
 
 impl Passage {
     fn simulate(&self, hypothesis: &Hypothesis<f64>) -> Vec<f64> {
-        let mut simulation =
-            Simulation::<f64, MODES>::new(&self.bridge, hypothesis, &self.observed).expect("can be solved");
+        let mut simulation = Simulation::<f64, MODES>::new(&self.bridge, hypothesis, &self.observed, &self.track)
+            .expect("can be solved");
         (0..self.samples)
-            .flat_map(|_| simulation.sample(&self.observed))
+            .flat_map(|_| simulation.sample(&self.observed, &self.track))
             .collect()
     }
 
@@ -77,12 +109,19 @@ impl Passage {
         let mut sensitivities = Sensitivities::<f64, MODES>::NONE;
         let mut place = Slot::Empty;
         sensitivities
-            .begin(&self.bridge, &self.truth, &self.observed, &[true; UNKNOWNS], &mut place)
+            .begin(
+                &self.bridge,
+                &self.truth,
+                &self.observed,
+                &self.track,
+                &[true; UNKNOWNS],
+                &mut place,
+            )
             .expect("can be solved");
         let simulation = place.as_mut().expect("a simulation");
         let (mut signal, mut columns) = (vec![], vec![vec![]; UNKNOWNS]);
         for _ in 0..self.samples {
-            let (sample, rows) = sensitivities.sample(simulation, &self.observed);
+            let (sample, rows) = sensitivities.sample(simulation, &self.observed, &self.track);
             for (value, row) in sample.into_iter().zip(rows) {
                 signal.push(value);
                 for (column, derivative) in columns.iter_mut().zip(row) {
@@ -121,7 +160,7 @@ fn relative(value: &[f64], exact: &[f64]) -> f64 {
 
 #[test]
 fn derivatives_are_those_of_the_simulation() {
-    for (kind, cars, speed_kmh, quantity, direction, braking) in [
+    for (kind, cars, speed_kmh, quantity, direction, braking, track) in [
         (
             TrainKind::Inspection2Dof,
             1,
@@ -129,6 +168,7 @@ fn derivatives_are_those_of_the_simulation() {
             Quantity::Acceleration,
             Direction::Forward,
             0.0,
+            Profile::SMOOTH,
         ),
         (
             TrainKind::Inspection2Dof,
@@ -137,6 +177,7 @@ fn derivatives_are_those_of_the_simulation() {
             Quantity::Acceleration,
             Direction::Forward,
             0.0,
+            Profile::SMOOTH,
         ),
         (
             TrainKind::Inspection2Dof,
@@ -145,6 +186,7 @@ fn derivatives_are_those_of_the_simulation() {
             Quantity::Displacement,
             Direction::Backward,
             -0.3,
+            Profile::SMOOTH,
         ),
         (
             TrainKind::Shinkansen3d,
@@ -153,6 +195,7 @@ fn derivatives_are_those_of_the_simulation() {
             Quantity::Acceleration,
             Direction::Backward,
             0.5,
+            Profile::SMOOTH,
         ),
         (
             TrainKind::Shinkansen3d,
@@ -161,9 +204,28 @@ fn derivatives_are_those_of_the_simulation() {
             Quantity::Acceleration,
             Direction::Forward,
             0.0,
+            Profile::SMOOTH,
+        ),
+        (
+            TrainKind::Shinkansen3d,
+            4,
+            205.0,
+            Quantity::Acceleration,
+            Direction::Forward,
+            0.0,
+            rough(),
+        ),
+        (
+            TrainKind::Inspection2Dof,
+            3,
+            100.0,
+            Quantity::Acceleration,
+            Direction::Backward,
+            0.0,
+            rough(),
         ),
     ] {
-        let passage = passage(kind, cars, speed_kmh, quantity, direction, braking);
+        let passage = passage(kind, cars, speed_kmh, quantity, direction, braking, track);
         let (signal, columns) = passage.derivatives();
         assert_eq!(
             signal,
@@ -175,8 +237,76 @@ fn derivatives_are_those_of_the_simulation() {
             .collect();
         println!("{kind:?}, {cars} cars, {speed_kmh} km/h, {quantity:?}: {errors:.4?}");
         for (unknown, error) in errors.into_iter().enumerate() {
-            let allowed = if unknown < ELEMENTS { BY_LOSS } else { BY_OTHERS };
+            let allowed = match unknown {
+                element if element < ELEMENTS => BY_LOSS,
+                SPEED | ENTRY if passage.track != Profile::SMOOTH => BY_WAY_WHERE_ROUGH,
+                _ => BY_OTHERS,
+            };
             assert!(error < allowed, "unknown {unknown}: {error}");
         }
+    }
+}
+
+/// Relative RMS error of the response to a B-spline or to a car's load, against the difference of two simulations: it is linear.
+const RESPONSE: f64 = 1e-3;
+
+#[test]
+fn the_record_answers_in_proportion_to_track_and_loads() {
+    let around = passage(
+        TrainKind::Shinkansen3d,
+        4,
+        205.0,
+        Quantity::Acceleration,
+        Direction::Forward,
+        0.0,
+        rough(),
+    );
+    let knots = around.track.knots().clone();
+    // On the approach, at the bridge's ends, at mid-span, behind.
+    for k in [5, 25, 37, 72, 105, 112] {
+        let bspline = Profile::bspline(knots.clone(), k);
+        let support = knots.support(k).expect("a B-spline");
+        let mut responses = [Response::to(Surrounding::Track { bspline, support })];
+        let mut sensitivities = Sensitivities::<f64, MODES>::NONE;
+        let mut place = Slot::Empty;
+        let free = [false; UNKNOWNS];
+        sensitivities
+            .begin(
+                &around.bridge,
+                &around.truth,
+                &around.observed,
+                &around.track,
+                &free,
+                &mut place,
+            )
+            .expect("can be solved");
+        let simulation = place.as_mut().expect("a simulation");
+        let mut response = vec![];
+        for _ in 0..around.samples {
+            sensitivities.sample_with(simulation, &around.observed, &around.track, &mut responses);
+            response.extend(responses[0].sample);
+        }
+        let raised = |metres: f64| {
+            let mut coefficients = rough_coefficients();
+            coefficients[k] += metres;
+            let track = Profile::new(knots.clone(), &coefficients);
+            Passage {
+                track,
+                ..passage(
+                    TrainKind::Shinkansen3d,
+                    4,
+                    205.0,
+                    Quantity::Acceleration,
+                    Direction::Forward,
+                    0.0,
+                    Profile::SMOOTH,
+                )
+            }
+        };
+        let [less, more] = [-1e-3, 1e-3].map(|metres| raised(metres).simulate(&around.truth));
+        let difference: Vec<f64> = less.iter().zip(more).map(|(less, more)| (more - less) / 2e-3).collect();
+        let error = relative(&response, &difference);
+        println!("B-spline {k}, {support:.1?} m: {error:.1e}");
+        assert!(error < RESPONSE, "B-spline {k}: {error}");
     }
 }

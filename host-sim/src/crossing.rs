@@ -17,8 +17,7 @@ use crate::train::SpatialTrain;
 pub const MAX_MODES: usize = 320;
 
 /// The interaction in space, with room for all cars on the bridge.
-type SpatialInteraction<'a, const M: usize> =
-    Interaction<f64, SpatialModes<M>, &'a dyn Track<f64>, M, SPATIAL_DOFS, SPATIAL_CONTACTS, CARS>;
+type SpatialInteraction<const M: usize> = Interaction<f64, SpatialModes<M>, M, SPATIAL_DOFS, SPATIAL_CONTACTS, CARS>;
 
 /// What crosses what, and how.
 #[derive(Clone)]
@@ -105,7 +104,7 @@ impl Crossing<'_> {
         let mut interaction = SpatialInteraction::<M>::new(SpatialModes::new(self.model), track, &cars, self.run)?;
         let modes = self.model.omega_squared.len();
         for _ in 0..steps {
-            interaction.step(&cars);
+            interaction.step(&cars, track);
             let interaction = &interaction;
             each(State {
                 position: &interaction.position().as_slice()[..modes],

@@ -18,6 +18,7 @@ use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, SetupError};
 use spanwatch::passage::{Passage, Stream};
 use spanwatch::train::PlanarTrain;
+use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::{Quantity, Ranges};
 
 use crate::model::reduce::reduce;
@@ -187,6 +188,8 @@ fn run(problem: &Problem<'_>, search: &mut impl CodeSearch, known: &Known, step:
 pub struct Observed {
     /// The bridge.
     pub bridge: ReducedBridge<f32>,
+    /// The rail's profile.
+    pub track: Profile<f32>,
     /// Train, sensors and recorder.
     pub observation: Observation<f32>,
     /// Accelerations (displacements) without offset, m/s² (m), channel after channel within a sample; not-a-number where there is none.
@@ -243,6 +246,7 @@ impl Observed {
         let recorder = Recorder::new(sensors, scenario.sample_interval_s().recip() as f32, antialias_hz);
         Ok(Self {
             bridge,
+            track: Profile::SMOOTH,
             observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
             samples,
             first_sample: 0,
@@ -345,7 +349,7 @@ impl Observed {
             let train = prepared.recording.train.as_ref().map_or("", TrainName::name);
             bail!("{name}: the logger's search does not know train \"{train}\"");
         };
-        let bridge = bridge.cast::<f32>();
+        let (bridge, track) = (bridge.cast::<f32>(), Profile::SMOOTH);
         let start_s = prepared.recording.start_s;
         let duration_s = prepared.recording.duration_s();
         if let Some(entry_s) = traffic.entry_time_s.filter(|entry| !(0.0..duration_s).contains(entry)) {
@@ -388,6 +392,7 @@ impl Observed {
                 let guess = loop {
                     let problem = Problem {
                         bridge: &bridge,
+                        track: &track,
                         observation: &observation,
                         samples: kept,
                         free_vibration: None,
@@ -457,6 +462,7 @@ impl Observed {
         }
         let observed = Self {
             bridge,
+            track,
             observation,
             samples: all[first * channels..].to_vec(),
             first_sample: first as u64,
@@ -478,6 +484,7 @@ impl Observed {
     pub fn problem(&self) -> Problem<'_> {
         Problem {
             bridge: &self.bridge,
+            track: &self.track,
             observation: &self.observation,
             samples: &self.samples,
             free_vibration: self.tail.as_ref().map(|tail| Compared {
@@ -502,7 +509,12 @@ impl Observed {
         let channels = self.observation.recorder.sensors.len();
         let rows = problem.recorded().len();
         Ok((0..rows)
-            .flat_map(|_| simulation.sample(&self.observation).into_iter().take(channels))
+            .flat_map(|_| {
+                simulation
+                    .sample(&self.observation, &self.track)
+                    .into_iter()
+                    .take(channels)
+            })
             .collect())
     }
 }

@@ -76,7 +76,7 @@ fn passage(kind: TrainKind, board: &mut Board) -> [Count; CARS_ON_BRIDGE + 1] {
         return counts;
     };
     let train = cars.train();
-    let Ok(mut solver) = PlanarInteraction::<f32, MODES>::new(beam(), Smooth, &cars, Run::at(SPEED_MPS)) else {
+    let Ok(mut solver) = PlanarInteraction::<f32, MODES>::new(beam(), &Smooth, &cars, Run::at(SPEED_MPS)) else {
         return counts;
     };
     let corner_m = CORNER_STEPS as f32 * STEP_S * SPEED_MPS;
@@ -106,7 +106,7 @@ fn passage(kind: TrainKind, board: &mut Board) -> [Count; CARS_ON_BRIDGE + 1] {
         }
         let start = board.ticks();
         for _ in 0..steps {
-            solver.step(&cars);
+            solver.step(&cars, &Smooth);
         }
         let ticks = board.ticks().saturating_sub(start);
         if let Some(count) = counts.get_mut(now) {

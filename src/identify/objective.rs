@@ -30,6 +30,7 @@ use crate::bridge::{Damage, ReducedBridge};
 use crate::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
 use crate::interaction::sensitivity::STIFFNESS;
 use crate::interaction::{Hypothesis, Observation, SetupError, Simulation};
+use crate::train::profile::Profile;
 
 /// Part of a channel's power that counts as its noise at least: the square of what `f32` and the step leave in the
 /// solution, 1e-4 of the signal.
@@ -40,6 +41,8 @@ pub const EXPLAINED: f32 = 1e-8;
 pub struct Problem<'a> {
     /// The bridge.
     pub bridge: &'a ReducedBridge<f32>,
+    /// The rail's profile.
+    pub track: &'a Profile<f32>,
     /// Train, sensors and recorder; time 0 is that of the first sample.
     pub observation: &'a Observation<f32>,
     /// What was recorded, m/s² (m), channel after channel within a sample; not-a-number where there is none.
@@ -187,7 +190,7 @@ impl<'a> Problem<'a> {
 
     /// Simulates the passage by a hypothesis: one forward solve, as an endless row of samples.
     pub fn simulate(&self, hypothesis: &Hypothesis<f32>) -> Result<Simulation<f32, MODES>, SetupError> {
-        Simulation::new(self.bridge, hypothesis, self.observation)
+        Simulation::new(self.bridge, hypothesis, self.observation, self.track)
     }
 
     /// What the free vibration says of `theta`: an eigenproblem for each kind of quantity, a thousandth of a forward solve.
@@ -225,7 +228,7 @@ impl<'a> Problem<'a> {
         })?;
         let mut residuals = Squares::NONE;
         for recorded in self.recorded() {
-            residuals.add(residual(recorded, &simulation.sample(self.observation)));
+            residuals.add(residual(recorded, &simulation.sample(self.observation, self.track)));
         }
         Ok(residuals.mean())
     }

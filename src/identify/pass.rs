@@ -202,8 +202,14 @@ impl Pass {
     ) -> Result<(), SetupError> {
         let hypothesis = hypothesis(theta, problem.observation);
         let (bridge, observation) = (problem.bridge, problem.observation);
-        self.sensitivities
-            .begin(bridge, &hypothesis, observation, free, &mut self.simulation)?;
+        self.sensitivities.begin(
+            bridge,
+            &hypothesis,
+            observation,
+            problem.track,
+            free,
+            &mut self.simulation,
+        )?;
         self.row = 0;
         let normal = Normal {
             theta: *theta,
@@ -243,7 +249,13 @@ impl Pass {
     }
 
     fn simulate(&mut self, problem: &Problem<'_>, hypothesis: &Hypothesis<f32>) -> Result<(), SetupError> {
-        Simulation::begin(problem.bridge, hypothesis, problem.observation, &mut self.simulation)?;
+        let Problem {
+            bridge,
+            observation,
+            track,
+            ..
+        } = *problem;
+        Simulation::begin(bridge, hypothesis, observation, track, &mut self.simulation)?;
         self.row = 0;
         Ok(())
     }
@@ -276,17 +288,22 @@ impl Pass {
             match &mut self.sums {
                 Sums::Nothing => return true,
                 Sums::Comparison(comparison) => {
-                    comparison.add(problem, self.row, recorded, &simulation.sample(observation));
+                    comparison.add(
+                        problem,
+                        self.row,
+                        recorded,
+                        &simulation.sample(observation, problem.track),
+                    );
                 }
                 Sums::Linearisation(normal, weights) => {
-                    let (sample, rows) = self.sensitivities.sample(simulation, observation);
+                    let (sample, rows) = self.sensitivities.sample(simulation, observation, problem.track);
                     normal.add(&residual(recorded, &sample), &rows, weights);
                 }
                 Sums::Correlation(correlation) => {
-                    correlation.add(&residual(recorded, &simulation.sample(observation)));
+                    correlation.add(&residual(recorded, &simulation.sample(observation, problem.track)));
                 }
                 Sums::Growth(bins) => {
-                    let simulated: [f32; CHANNELS] = simulation.sample(observation);
+                    let simulated: [f32; CHANNELS] = simulation.sample(observation, problem.track);
                     bins.push(self.row, growth::energy(observation, recorded, &simulated));
                 }
             }

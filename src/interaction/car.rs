@@ -63,9 +63,9 @@ pub struct CarSteps<T: Real, const D: usize, const C: usize> {
 /// Places of a car's degrees of freedom and their rates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CarState<T: Real, const D: usize> {
-    position: [T; D],
-    velocity: [T; D],
-    acceleration: [T; D],
+    pub(super) position: [T; D],
+    pub(super) velocity: [T; D],
+    pub(super) acceleration: [T; D],
 }
 
 impl<T: Real, const D: usize> CarState<T, D> {
@@ -75,6 +75,20 @@ impl<T: Real, const D: usize> CarState<T, D> {
         velocity: [T::ZERO; D],
         acceleration: [T::ZERO; D],
     };
+
+    /// `self += factor other`.
+    pub(super) fn add_scaled(&mut self, factor: T, other: &Self) {
+        add_scaled(&mut self.position, factor, &other.position);
+        add_scaled(&mut self.velocity, factor, &other.velocity);
+        add_scaled(&mut self.acceleration, factor, &other.acceleration);
+    }
+
+    /// `factor self`.
+    pub(super) fn scaled(&self, factor: T) -> Self {
+        let mut scaled = Self::AT_REST;
+        scaled.add_scaled(factor, self);
+        scaled
+    }
 
     /// Place of each degree of freedom, m (rad) from static balance.
     pub fn position(&self) -> &[T] {

@@ -10,7 +10,11 @@
 //! ln of all stiffness  source = -(w^2 q + p2 w^2 q')
 //! ln speed, entry time dphi_i = phi_i' dx_i,  dx_i = v t, -v(t)         (t from the entry)
 //! ln load              dF_i = -W_i
+//! the track            du_i = the change of the profile under contact i
 //! ```
+//!
+//! Speed and entry time also move the contacts along the irregular rail, `du_i = r'(x_i) dx_i` and its rates, and change the state in
+//! which a car comes from its approach.
 //!
 //! and for a loss the shapes turn too: those of the modes that are stepped towards each other, which the source does, and towards
 //! those that are not, `dphi_i = sum_f u_f g_f(x_i)` with `g_f` of [`Eigenmodes::remainders`], which adds `sum_f u_f sum_i g_f(x_i) F_i` to
@@ -20,14 +24,14 @@
 //! is stored of the past. What is left out: that `beta` and `c^` of [`scheme`](super::scheme) follow the frequency, the `lambda_k` in
 //! `g_f`, and that a corner's width follows the speed. Together they are 0.6 % at most (`tests/sensitivity.rs`).
 //!
-//! On a smooth track, and with [`Kinematics::Paper`](super::Kinematics::Paper).
+//! With [`Kinematics::Paper`](super::Kinematics::Paper).
 
 use super::car::{CarState, Lead};
 use super::contact::{Modes as _, hermite};
-use super::run::{SetupError, TrainPosition};
+use super::run::{Direction, Run, SetupError, TrainPosition};
 use super::scheme::corner_slope;
 use super::simulation::{Hypothesis, Observation, Simulation};
-use super::solver::{Coupling, PlanarInteraction, TrainSteps, substitute};
+use super::solver::{Approach, Coupling, PlanarInteraction, TrainSteps, substitute};
 use crate::bridge::modes::Remainder;
 use crate::bridge::{Eigenmodes, ReducedBridge};
 use crate::capacity::{
@@ -36,7 +40,8 @@ use crate::capacity::{
 use crate::math::{Real, add_scaled, dot, entries};
 use crate::recorder::AntiAliasState;
 use crate::slot::Slot;
-use crate::train::Contact;
+use crate::train::profile::Profile;
+use crate::train::{Contact, Track};
 use crate::wire::message::Quantity;
 
 /// Number of the unknown "logarithm of the stiffness of the whole bridge"; those before it are the elements' losses.
@@ -69,8 +74,32 @@ struct Source<'a, T: Real, const M: usize> {
     modal: [T; M],
     /// How the shapes under the contacts change with their way, and how far they move.
     turn: Option<(&'a Turn<T>, T)>,
-    /// How much of the static loads is added.
-    load: T,
+    /// How much of the static loads is added, and to which car; to all if to none.
+    load: (T, Option<usize>),
+    /// Change of what the irregularity does to the contacts.
+    rail: Option<&'a AtContacts<Lead<T>>>,
+    /// Change of the state in which a car comes from its approach, by its number.
+    entering: &'a dyn Fn(usize) -> Entering<T>,
+}
+
+type Entering<T> = CarState<T, CAR_DOFS>;
+
+/// On a smooth track, whatever changes, a car comes at rest.
+fn at_rest<T: Real>(_: usize) -> Entering<T> {
+    CarState::AT_REST
+}
+
+impl<T: Real, const M: usize> Source<'_, T, M> {
+    /// A force on the modes, and nothing else.
+    fn modal(modal: [T; M]) -> Self {
+        Self {
+            modal,
+            turn: None,
+            load: (T::ZERO, None),
+            rail: None,
+            entering: &at_rest,
+        }
+    }
 }
 
 /// What changed shapes under the contacts make of the bridge's predicted position, velocity and of its acceleration there, per metre.
@@ -103,6 +132,8 @@ pub struct Sensitivities<T: Real, const M: usize> {
     p2: T,
     free: [bool; UNKNOWNS],
     tangents: [Tangent<T, M>; UNKNOWNS],
+    /// Derivative of the last approach by the logarithm of the speed, as if that moved the car about the end of the bridge.
+    by_speed: Option<Approach<T, CAR_DOFS>>,
 }
 
 impl<T: Real, const M: usize> Tangent<T, M> {
@@ -144,12 +175,12 @@ impl<T: Real, const M: usize> Tangent<T, M> {
         for ((index, (_, car, steps)), (slot, (shapes, on))) in slots() {
             let state = &mut self.cars[index % CARS_ON_BRIDGE];
             if index >= coupling.entered {
-                *state = CarState::AT_REST;
+                *state = (source.entering)(index);
             }
-            let mut leads = [Lead::still(); CONTACTS];
+            let mut leads = source.rail.map_or([Lead::still(); CONTACTS], |rail| rail[slot]);
             for (i, (lead, shape)) in leads.iter_mut().zip(shapes).enumerate().take(on.end).skip(on.start) {
-                lead.place = dot(shape, &felt);
-                lead.rate = dot(shape, &self.velocity);
+                lead.place += dot(shape, &felt);
+                lead.rate += dot(shape, &self.velocity);
                 if let Some((turn, by)) = source.turn {
                     lead.place += by * turn.felt[slot][i];
                     lead.rate += by * turn.felt_rate[slot][i];
@@ -162,9 +193,10 @@ impl<T: Real, const M: usize> Tangent<T, M> {
                     *load -= by * dot(impedance, &turn.acceleration[slot]);
                 }
             }
-            if source.load != T::zero() {
+            let (added, to) = source.load;
+            if added != T::zero() && to.is_none_or(|to| to == index) {
                 for (load, contact) in loads.iter_mut().zip(&car.contacts) {
-                    *load -= source.load * contact.load_n;
+                    *load -= added * contact.load_n;
                 }
             }
             for (&load, shape) in loads.iter().zip(shapes).take(on.end).skip(on.start) {
@@ -195,6 +227,114 @@ impl<T: Real, const M: usize> Tangent<T, M> {
             }
             steps.correct(car.contacts.len(), &mut self.cars[index % CARS_ON_BRIDGE], &w);
         }
+    }
+}
+
+/// What of the surroundings of a passage may be otherwise.
+#[derive(Debug, Clone)]
+pub enum Surrounding<T> {
+    /// The track has this B-spline, 1 m high, more.
+    Track {
+        /// The B-spline.
+        bspline: Profile<T>,
+        /// Where it begins and ends, m.
+        support: [T; 2],
+    },
+    /// The static loads of this car (from 0) are twice as large.
+    Load(usize),
+}
+
+/// How the recorded motion answers to a change of the surroundings; it is proportional to it. For the PC, where hundreds of them are
+/// followed at once ([`Sensitivities::sample_with`]).
+#[derive(Debug, Clone)]
+pub struct Response<T: Real, const M: usize> {
+    to: Surrounding<T>,
+    tangent: Tangent<T, M>,
+    approach: Option<Approach<T, CAR_DOFS>>,
+    /// The latest sample of each channel, m/s² (m) per unit of the change.
+    pub sample: [T; CHANNELS],
+}
+
+impl<T: Real, const M: usize> Response<T, M> {
+    /// The response to a change, at rest.
+    pub fn to(change: Surrounding<T>) -> Self {
+        Self {
+            to: change,
+            tangent: Tangent::AT_REST,
+            approach: None,
+            sample: [T::ZERO; CHANNELS],
+        }
+    }
+
+    /// Follows a step that `base` has made.
+    fn step(&mut self, base: &PlanarInteraction<T, M>, observed: &Observation<T>, coupling: &Coupled<T, M>) {
+        let cars = &observed.cars;
+        let source = Source::modal([T::ZERO; M]);
+        match &self.to {
+            Surrounding::Load(car) => {
+                let source = Source {
+                    load: (base.run.load_factor, Some(*car)),
+                    ..source
+                };
+                self.tangent.step(base, cars, coupling, &source);
+            }
+            Surrounding::Track { bspline, support } => {
+                let mut rail = [[Lead::still(); CONTACTS]; CARS_ON_BRIDGE];
+                let TrainPosition { way_m, speed_mps } = coupling.now;
+                for (leads, (_, (place, car, _))) in rail.iter_mut().zip(cars.among(coupling.aboard.clone())) {
+                    for (lead, contact) in leads.iter_mut().zip(&car.contacts) {
+                        let way = way_m - place.behind_m - contact.behind_m;
+                        let x = base.along(way);
+                        if support[0] < x && x < support[1] {
+                            *lead = base.irregularity(bspline, contact.motion, way, speed_mps);
+                        }
+                    }
+                }
+                let ahead = base.along(T::ZERO);
+                let behind = match base.run.direction {
+                    Direction::Forward => support[0] < ahead,
+                    Direction::Backward => support[1] > ahead,
+                };
+                if behind && coupling.aboard.end > coupling.entered {
+                    let last = self.approach.take();
+                    self.approach = base.approach_of(coupling.entered, cars, bspline, last, |contact, way, speed| {
+                        base.irregularity(bspline, contact.motion, way, speed)
+                    });
+                }
+                let approach = self.approach.as_ref();
+                let source = Source {
+                    rail: Some(&rail),
+                    entering: &|index| {
+                        let approached = || {
+                            let (_, (place, _, _)) = cars.from(index).next()?;
+                            let since_s = base.since_begin_s(place, bspline)?;
+                            let approach = approach.filter(|last| base.shares(last, place, since_s))?;
+                            Some(approach.state(since_s - approach.since_s))
+                        };
+                        approached().unwrap_or(CarState::AT_REST)
+                    },
+                    ..source
+                };
+                self.tangent.step(base, cars, coupling, &source);
+            }
+        }
+        let sensors = observed.recorder.sensors.iter().zip(&base.bridge.sensors);
+        for (((sensor, shape), filter), sample) in sensors.zip(&mut self.tangent.filters).zip(&mut self.sample) {
+            let modal = match sensor.quantity {
+                Quantity::Acceleration => &self.tangent.acceleration,
+                Quantity::Displacement => &self.tangent.position,
+            };
+            *sample = observed.filter.apply(filter, dot(entries(shape), modal));
+        }
+    }
+}
+
+/// Change of a contact's way, m, and of its speed, m/s, per unit of the unknown speed or entry time.
+fn moves<T: Real>(unknown: usize, run: &Run<T>, now: &TrainPosition<T>, since_entry_s: T) -> (T, T) {
+    if unknown == ENTRY {
+        (-now.speed_mps, -run.acceleration_mps2)
+    } else {
+        (run.speed_mps * since_entry_s, run.speed_mps)
     }
 }
 
@@ -265,6 +405,88 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
         (turn, modal)
     }
 
+    /// Change of what the irregularity does to the contacts, for `way_by` m and `speed_by` m/s.
+    fn rail_by(
+        &self,
+        cars: &Cars<T>,
+        coupling: &Coupled<T, M>,
+        track: &Profile<T>,
+        way_by: T,
+        speed_by: T,
+    ) -> AtContacts<Lead<T>> {
+        let mut rail = [[Lead::still(); CONTACTS]; CARS_ON_BRIDGE];
+        let TrainPosition { way_m, speed_mps } = coupling.now;
+        for (leads, (_, (place, car, _))) in rail.iter_mut().zip(cars.among(coupling.aboard.clone())) {
+            for (lead, contact) in leads.iter_mut().zip(&car.contacts) {
+                let way = way_m - place.behind_m - contact.behind_m;
+                *lead = self.irregularity_by(track, contact.motion, [way, way_by], [speed_mps, speed_by]);
+            }
+        }
+        rail
+    }
+
+    /// Derivative of car `index`'s approach by the logarithm of the speed, its first wheelset's way counted from the end of the
+    /// bridge; `last`, if that is it. None on a smooth track, and where the speed changes on the way: there it is left out.
+    fn approach_by_speed(
+        &self,
+        index: usize,
+        cars: &Cars<T>,
+        track: &Profile<T>,
+        last: Option<Approach<T, CAR_DOFS>>,
+    ) -> Option<Approach<T, CAR_DOFS>> {
+        if self.run.acceleration_mps2 != T::zero() {
+            return None;
+        }
+        self.approach_of(index, cars, track, last, |contact, way, speed| {
+            self.irregularity_by(track, contact.motion, [way, way + contact.behind_m], [speed, speed])
+        })
+    }
+
+    /// The approach of car `index`, which has reached the bridge in this step, over rails that lead as `lead` says from the
+    /// beginning of `track` on; `last`, if that is it.
+    fn approach_of(
+        &self,
+        index: usize,
+        cars: &Cars<T>,
+        track: &Profile<T>,
+        last: Option<Approach<T, CAR_DOFS>>,
+        lead: impl Fn(&Contact<T, CAR_DOFS>, T, T) -> Lead<T>,
+    ) -> Option<Approach<T, CAR_DOFS>> {
+        let (_, (place, car, steps)) = cars.from(index).next()?;
+        let since_s = self.since_begin_s(place, track)?;
+        let fits = |last: &Approach<T, CAR_DOFS>| self.shares(last, place, since_s);
+        last.filter(fits)
+            .or_else(|| Some(self.approach(place, car, steps, since_s, lead)))
+    }
+
+    /// Derivative by `unknown` of the state in which car `index` comes from its approach; `by_speed` is its derivative by the speed.
+    ///
+    /// All that is due to the entry time is a shift in time. A change `dv` of the speed moves the car's front by `dv / v` of its way from
+    /// the end of the bridge, as `by_speed` has it, and by `dv / v` of its distance behind the first car's, again a shift in time.
+    fn entering_by(
+        &self,
+        unknown: usize,
+        index: usize,
+        cars: &Cars<T>,
+        track: &Profile<T>,
+        by_speed: Option<&Approach<T, CAR_DOFS>>,
+    ) -> Entering<T> {
+        let approached = || {
+            let (_, (place, _, _)) = cars.from(index).next()?;
+            let since_s = self.since_begin_s(place, track)?;
+            let (approach, later_s) = self.shared_approach(place, since_s)?;
+            let rate = approach.rate(later_s);
+            if unknown == ENTRY {
+                return Some(rate.scaled(-T::one()));
+            }
+            let by_speed = by_speed.filter(|last| self.shares(last, place, since_s))?;
+            let mut state = by_speed.state(since_s - by_speed.since_s);
+            state.add_scaled(place.behind_m / self.run.speed_mps, &rate);
+            Some(state)
+        };
+        approached().unwrap_or(CarState::AT_REST)
+    }
+
     /// Change of the shape under a contact per metre of its way.
     fn shape_slope(&self, contact: &Contact<T, CAR_DOFS>, way: T, speed: T) -> [T; M] {
         let mut slope = [T::zero(); M];
@@ -292,6 +514,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         p2: T::ZERO,
         free: [false; UNKNOWNS],
         tangents: [Tangent::AT_REST; UNKNOWNS],
+        by_speed: None,
     };
 
     // Not inlined: the eigenproblem must leave the stack.
@@ -302,6 +525,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         bridge: &ReducedBridge<T>,
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
+        track: &Profile<T>,
         free: &[bool; UNKNOWNS],
         simulation: &mut Slot<Simulation<T, M>>,
     ) -> Result<(), SetupError> {
@@ -319,7 +543,8 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         self.p2 = bridge.rayleigh[1];
         self.free = *free;
         self.tangents.fill(Tangent::AT_REST);
-        Simulation::begin_with(&modes, bridge, hypothesis, observed, simulation)
+        self.by_speed = None;
+        Simulation::begin_with(&modes, bridge, hypothesis, observed, track, simulation)
     }
 
     /// Number of unknowns that are differentiated by.
@@ -333,12 +558,24 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         &mut self,
         simulation: &mut Simulation<T, M>,
         observed: &Observation<T>,
+        track: &Profile<T>,
+    ) -> ([T; CHANNELS], [[T; UNKNOWNS]; CHANNELS]) {
+        self.sample_with(simulation, observed, track, &mut [])
+    }
+
+    /// The same, and lets `responses` follow.
+    pub fn sample_with(
+        &mut self,
+        simulation: &mut Simulation<T, M>,
+        observed: &Observation<T>,
+        track: &Profile<T>,
+        responses: &mut [Response<T, M>],
     ) -> ([T; CHANNELS], [[T; UNKNOWNS]; CHANNELS]) {
         let mut sample = [T::zero(); CHANNELS];
         let mut rows = [[T::zero(); UNKNOWNS]; CHANNELS];
         if simulation.start() {
             for _ in 0..observed.recorder.steps_per_sample {
-                self.step(&mut simulation.interaction, observed, &mut rows);
+                self.step(&mut simulation.interaction, observed, track, &mut rows, responses);
                 simulation.record(observed, &mut sample);
             }
         }
@@ -349,14 +586,19 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         &mut self,
         base: &mut PlanarInteraction<T, M>,
         observed: &Observation<T>,
+        track: &Profile<T>,
         rows: &mut [[T; UNKNOWNS]; CHANNELS],
+        responses: &mut [Response<T, M>],
     ) {
         let mut coupling = Coupling::none();
         let cars = &observed.cars;
-        base.step_coupled(cars, &mut coupling);
+        base.step_coupled(cars, track, &mut coupling);
         let base = &*base;
         if base.entered == 0 {
             return;
+        }
+        if self.free[SPEED] && coupling.aboard.end > coupling.entered {
+            self.by_speed = base.approach_by_speed(coupling.entered, cars, track, self.by_speed.take());
         }
         let forces = forces(base, cars, &coupling);
         let (q, v, a) = (&base.position, &base.velocity, &base.acceleration);
@@ -376,6 +618,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
             }
         };
         let still = [T::zero(); CHANNELS];
+        let by_speed = self.by_speed.as_ref();
 
         let on_nodes = base.on_nodes(cars, &coupling, &forces);
         let mut strained = *entries(q);
@@ -399,46 +642,39 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
                     };
                 }
             }
-            let source = Source {
-                modal,
-                turn: None,
-                load: T::zero(),
-            };
-            follow(element, &source, &seen);
+            follow(element, &Source::modal(modal), &seen);
         }
         if self.free[STIFFNESS] {
             let modal = core::array::from_fn(|k| -base.bridge.omega_squared[k] * (q[k] + self.p2 * v[k]));
-            let source = Source {
-                modal,
-                turn: None,
-                load: T::zero(),
-            };
-            follow(STIFFNESS, &source, &still);
+            follow(STIFFNESS, &Source::modal(modal), &still);
         }
         if self.free[SPEED] || self.free[ENTRY] {
             let (turn, modal) = base.moved(cars, &coupling, &forces);
             let since_entry = T::counted(base.steps as i32) * base.step_s - base.run.entry_time_s;
-            for (unknown, way) in [
-                (SPEED, base.run.speed_mps * since_entry),
-                (ENTRY, -coupling.now.speed_mps),
-            ] {
-                if self.free[unknown] {
-                    let source = Source {
-                        modal: modal.map(|force| way * force),
-                        turn: Some((&turn, way)),
-                        load: T::zero(),
-                    };
-                    follow(unknown, &source, &still);
-                }
+            for unknown in [SPEED, ENTRY].into_iter().filter(|&unknown| self.free[unknown]) {
+                let (way_by, speed_by) = moves(unknown, &base.run, &coupling.now, since_entry);
+                let rail = track
+                    .extent_m()
+                    .map(|_| base.rail_by(cars, &coupling, track, way_by, speed_by));
+                let source = Source {
+                    modal: modal.map(|force| way_by * force),
+                    turn: Some((&turn, way_by)),
+                    rail: rail.as_ref(),
+                    entering: &|index| base.entering_by(unknown, index, cars, track, by_speed),
+                    ..Source::modal([T::zero(); M])
+                };
+                follow(unknown, &source, &still);
             }
         }
         if self.free[LOAD] {
             let source = Source {
-                modal: [T::zero(); M],
-                turn: None,
-                load: base.run.load_factor,
+                load: (base.run.load_factor, None),
+                ..Source::modal([T::zero(); M])
             };
             follow(LOAD, &source, &still);
+        }
+        for response in responses {
+            response.step(base, observed, &coupling);
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::math::Real;
 use crate::recorder::{AntiAlias, AntiAliasState};
 use crate::slot::Slot;
 use crate::train::PlanarTrain;
-use crate::train::track::Smooth;
+use crate::train::profile::Profile;
 use crate::wire::message::{Quantity, Ranges};
 
 /// Longest step of the solver, s. With it the error in the recorder's band (40 Hz, 8 modes) is 0.1 % at most; twice the step
@@ -118,14 +118,15 @@ pub struct Simulation<T: Real, const M: usize> {
 }
 
 impl<T: Real, const M: usize> Simulation<T, M> {
-    /// The simulation of `bridge` by a hypothesis, under what is `observed`.
+    /// The simulation of `bridge` by a hypothesis, under what is `observed` on `track`.
     pub fn new(
         bridge: &ReducedBridge<T>,
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
+        track: &Profile<T>,
     ) -> Result<Self, SetupError> {
         let mut place = Slot::Empty;
-        Self::begin(bridge, hypothesis, observed, &mut place)?;
+        Self::begin(bridge, hypothesis, observed, track, &mut place)?;
         place.take().ok_or(SetupError::NotFinite)
     }
 
@@ -134,10 +135,11 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         bridge: &ReducedBridge<T>,
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
+        track: &Profile<T>,
         place: &mut Slot<Self>,
     ) -> Result<(), SetupError> {
         let modes = Eigenmodes::new(bridge, &hypothesis.damage);
-        Self::begin_with(&modes, bridge, hypothesis, observed, place)
+        Self::begin_with(&modes, bridge, hypothesis, observed, track, place)
     }
 
     // Not inlined: what it is made of must leave the stack.
@@ -148,6 +150,7 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         bridge: &ReducedBridge<T>,
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
+        track: &Profile<T>,
         place: &mut Slot<Self>,
     ) -> Result<(), SetupError> {
         let sensors = &observed.recorder.sensors;
@@ -159,19 +162,19 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         }
         let modal = ModalBridge::of(modes, bridge, hypothesis.stiffness, &observed.places());
         *place = Slot::Full(Self {
-            interaction: PlanarInteraction::new(modal, Smooth, &observed.cars, hypothesis.run)?,
+            interaction: PlanarInteraction::new(modal, track, &observed.cars, hypothesis.run)?,
             states: [AntiAliasState::AT_REST; CHANNELS],
             started: false,
         });
         Ok(())
     }
 
-    /// The next sample of all channels, m/s² (m); the first is that of time 0.
-    pub fn sample(&mut self, observed: &Observation<T>) -> [T; CHANNELS] {
+    /// The next sample of all channels, m/s² (m); the first is that of time 0. `track` is that of the beginning.
+    pub fn sample(&mut self, observed: &Observation<T>, track: &Profile<T>) -> [T; CHANNELS] {
         let mut sample = [T::zero(); CHANNELS];
         if self.start() {
             for _ in 0..observed.recorder.steps_per_sample {
-                self.interaction.step(&observed.cars);
+                self.interaction.step(&observed.cars, track);
                 self.record(observed, &mut sample);
             }
         }

@@ -11,7 +11,9 @@
 //! own `beta`; that differs from the modes' by some `h^3`, and keeps the matrix symmetric.
 //!
 //! A car on its approach feels the irregularity of the track but not the bridge. It is not stepped until its first
-//! wheelset reaches the bridge; its approach is made up for then, so that no memory is kept for cars that come later.
+//! wheelset reaches the bridge; its approach is made up for then, so that no memory is kept for cars that come later. At
+//! constant speed all cars of a kind have the same approach, one after the other: it is stepped for the first of them, and the
+//! others take its end, shifted by the part of a step by which they come later or earlier ([`Approach`]).
 //!
 //! Multiplications of a step with `m` modes, a car of `d` degrees of freedom and `s` springs, `n` contacts a car:
 //! `m^2 (m - 1) / 2` once (a third of it for many modes), and for each car wholly on the bridge
@@ -27,7 +29,7 @@ use super::run::{Direction, Kinematics, Run, SetupError, TrainPosition};
 use super::scheme::{CORNER_STEPS, ModeSteps, Scheme, corner};
 use crate::bridge::ModalBridge;
 use crate::math::{Real, add_scaled, dot, entries};
-use crate::train::track::{Smooth, Track};
+use crate::train::track::Track;
 use crate::train::{Car, Contact, Motion, Place, Train};
 
 /// The cars of a train, ready for steps of one length: each kind's matrix is factorised once for all runs.
@@ -130,10 +132,10 @@ pub(super) type Aboard<'a, T, const D: usize, const C: usize> = (&'a Place<T>, &
 /// let train = PlanarTrain::of_kind(TrainKind::Inspection2Dof, 1).expect("one car");
 /// let cars = TrainSteps::new(train, Scheme::Exact, 1e-3)?;
 ///
-/// let mut solver = PlanarInteraction::new(bridge.clone(), Smooth, &cars, Run::at(2.0))?;
+/// let mut solver = PlanarInteraction::new(bridge.clone(), &Smooth, &cars, Run::at(2.0))?;
 /// let mut lowest_m = 0.0_f64;
 /// for _ in 0..34_000 {
-///     solver.step(&cars);
+///     solver.step(&cars, &Smooth);
 ///     lowest_m = lowest_m.min(solver.displacement_m(0));
 /// }
 /// // Its two loads at 8.75 m before and behind mid-span.
@@ -141,14 +143,13 @@ pub(super) type Aboard<'a, T, const D: usize, const C: usize> = (&'a Place<T>, &
 /// let standing_m = -2.0 * load_n * norm * norm * (wave * 8.75).cos() / omega_squared;
 /// assert!((lowest_m / standing_m - 1.0).abs() < 0.01);
 ///
-/// let standing = PlanarInteraction::new(bridge, Smooth, &cars, Run::at(0.0));
+/// let standing = PlanarInteraction::new(bridge, &Smooth, &cars, Run::at(0.0));
 /// assert_eq!(standing.err(), Some(SetupError::NotFinite));
 /// # Ok::<(), SetupError>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct Interaction<T: Real, B, R, const M: usize, const D: usize, const C: usize, const A: usize> {
+pub struct Interaction<T: Real, B, const M: usize, const D: usize, const C: usize, const A: usize> {
     pub(super) bridge: B,
-    track: R,
     pub(super) run: Run<T>,
     pub(super) step_s: T,
     pub(super) steps: u32,
@@ -166,13 +167,53 @@ pub struct Interaction<T: Real, B, R, const M: usize, const D: usize, const C: u
     /// Cars that have reached the bridge so far, and those of them that have left it.
     pub(super) entered: usize,
     left: usize,
+    /// The last approach that was stepped.
+    approach: Option<Approach<T, D>>,
 }
 
-/// The interaction as the logger has it: vertical motion on a girder with a smooth track.
+/// The end of a car's approach over the irregular track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Approach<T: Real, const D: usize> {
+    /// Which kind of car.
+    kind: usize,
+    /// Time since its first wheelset was where the irregularity begins, s.
+    pub since_s: T,
+    /// State at that time.
+    state: CarState<T, D>,
+    /// Change of its acceleration a second.
+    jerk: [T; D],
+}
+
+impl<T: Real, const D: usize> Approach<T, D> {
+    /// State `later_s` after its end (before, if negative): four terms of Taylor's series. For a part of a step that is as exact as
+    /// the step itself.
+    pub fn state(&self, later_s: T) -> CarState<T, D> {
+        let (half, third) = (T::of(0.5) * later_s, later_s / T::of(3.0));
+        let mut state = self.state;
+        add_scaled(&mut state.position, later_s, &self.state.velocity);
+        add_scaled(&mut state.position, half * later_s, &self.state.acceleration);
+        add_scaled(&mut state.position, half * later_s * third, &self.jerk);
+        add_scaled(&mut state.velocity, later_s, &self.state.acceleration);
+        add_scaled(&mut state.velocity, half * later_s, &self.jerk);
+        add_scaled(&mut state.acceleration, later_s, &self.jerk);
+        state
+    }
+
+    /// How that state changes with time.
+    pub fn rate(&self, later_s: T) -> CarState<T, D> {
+        let state = self.state(later_s);
+        CarState {
+            position: state.velocity,
+            velocity: state.acceleration,
+            acceleration: self.jerk,
+        }
+    }
+}
+
+/// The interaction as the logger has it: vertical motion on a girder.
 pub type PlanarInteraction<T, const M: usize> = Interaction<
     T,
     ModalBridge<T, M>,
-    Smooth,
     M,
     { crate::capacity::CAR_DOFS },
     { crate::capacity::CONTACTS },
@@ -234,11 +275,10 @@ impl<T: Real, const M: usize, const C: usize, const A: usize> Coupling<T, M, C, 
     }
 }
 
-impl<T, B, R, const M: usize, const D: usize, const C: usize, const A: usize> Interaction<T, B, R, M, D, C, A>
+impl<T, B, const M: usize, const D: usize, const C: usize, const A: usize> Interaction<T, B, M, D, C, A>
 where
     T: Real,
     B: Modes<T, M>,
-    R: Track<T>,
 {
     /// Bridge and train at rest at time 0. A train whose entry lies before time 0 stands where its way has brought it, and its
     /// loads appear at once; one that enters less than [`CORNER_STEPS`] steps after time 0 has a part of its first rounded corner
@@ -248,7 +288,7 @@ where
     /// [`SetupError`] says which of speed, load factor, times and cars cannot be solved.
     pub fn new<const K: usize>(
         bridge: B,
-        track: R,
+        track: &(impl Track<T> + ?Sized),
         cars: &TrainSteps<T, D, C, K>,
         run: Run<T>,
     ) -> Result<Self, SetupError> {
@@ -276,7 +316,6 @@ where
             modes: ModeSteps::new(cars.scheme, h, bridge.omega_squared(), bridge.damping()),
             contact_beta_h2: cars.scheme.contact_beta::<T>() * h * h,
             bridge,
-            track,
             run,
             step_s: h,
             steps: 0,
@@ -288,8 +327,9 @@ where
             cars: [CarState::AT_REST; A],
             entered: 0,
             left: 0,
+            approach: None,
         };
-        if run.time_at_s(this.first_way().unwrap_or(T::zero())).is_none() {
+        if run.time_at_s(this.first_way(track).unwrap_or(T::zero())).is_none() {
             return Err(SetupError::Stops);
         }
         Ok(this)
@@ -317,9 +357,9 @@ where
         self.cars.get(index % A).filter(|_| kept)
     }
 
-    /// Advances by one step. `cars` are those that the interaction began with.
-    pub fn step<const K: usize>(&mut self, cars: &TrainSteps<T, D, C, K>) {
-        self.step_coupled(cars, &mut Coupling::none());
+    /// Advances by one step. `cars` and `track` are those that the interaction began with.
+    pub fn step<const K: usize>(&mut self, cars: &TrainSteps<T, D, C, K>, track: &(impl Track<T> + ?Sized)) {
+        self.step_coupled(cars, track, &mut Coupling::none());
     }
 
     /// Advances by one step, and leaves in `coupling` what a sensitivity needs to follow it.
@@ -327,6 +367,7 @@ where
     pub(super) fn step_coupled<const K: usize>(
         &mut self,
         cars: &TrainSteps<T, D, C, K>,
+        track: &(impl Track<T> + ?Sized),
         coupling: &mut Coupling<T, M, C, A>,
     ) {
         self.steps += 1;
@@ -374,7 +415,7 @@ where
                 continue;
             }
             if index >= self.entered {
-                self.cars[index % A] = self.approach(place, car, steps);
+                self.cars[index % A] = self.approached(place, car, steps, track);
                 self.entered = index + 1;
             }
             let slot = index - coupling.aboard.start;
@@ -387,7 +428,7 @@ where
                 break;
             };
             let felt = [&coupling.felt, &coupling.felt_rate];
-            *on = self.couple(index, car, steps, front, now.speed_mps, felt, shapes, loads);
+            *on = self.couple(index, car, steps, track, front, now.speed_mps, felt, shapes, loads);
             for (shape, &load) in shapes.iter().zip(loads.iter()).take(on.end).skip(on.start) {
                 add_scaled(&mut force, load, shape);
             }
@@ -430,6 +471,7 @@ where
         index: usize,
         car: &Car<T, D, C>,
         steps: &CarSteps<T, D, C>,
+        track: &(impl Track<T> + ?Sized),
         front: T,
         speed: T,
         [felt, felt_rate]: [&SVector<T, M>; 2],
@@ -441,7 +483,7 @@ where
         let corner_m = self.corner_s * speed;
         for (i, ((contact, shape), lead)) in car.contacts.iter().zip(shapes.iter_mut()).zip(&mut leads).enumerate() {
             let way = front - contact.behind_m;
-            *lead = self.irregularity(contact.motion, way, speed);
+            *lead = self.irregularity(track, contact.motion, way, speed);
             if way < -corner_m || way > self.length_m + corner_m {
                 continue;
             }
@@ -508,11 +550,11 @@ where
     }
 
     /// What the irregularity does to a contact `way` m from the end that the train enters by.
-    fn irregularity(&self, motion: Motion, way: T, speed: T) -> Lead<T> {
-        if self.track.extent_m().is_none() {
+    pub(super) fn irregularity(&self, track: &(impl Track<T> + ?Sized), motion: Motion, way: T, speed: T) -> Lead<T> {
+        if track.extent_m().is_none() {
             return Lead::still();
         }
-        let r = self.track.at(motion, self.along(way));
+        let r = track.at(motion, self.along(way));
         let along = self.signed(speed);
         Lead {
             place: r.value,
@@ -521,31 +563,104 @@ where
         }
     }
 
+    /// Change of that with the contact's way and the train's speed, for `way_by` m and `speed_by` m/s of them.
+    pub(super) fn irregularity_by(
+        &self,
+        track: &(impl Track<T> + ?Sized),
+        motion: Motion,
+        [way, way_by]: [T; 2],
+        [speed, speed_by]: [T; 2],
+    ) -> Lead<T> {
+        let r = track.at(motion, self.along(way));
+        let (along, x_by, along_by) = (self.signed(speed), self.signed(way_by), self.signed(speed_by));
+        Lead {
+            place: r.slope * x_by,
+            rate: along * r.curvature * x_by + r.slope * along_by,
+            acceleration: along * along * r.curvature_rate * x_by
+                + T::of(2.0) * along * along_by * r.curvature
+                + self.signed(self.run.acceleration_mps2) * r.curvature * x_by,
+        }
+    }
+
     /// State of a car that has just reached the bridge, after its approach over the irregular track.
-    fn approach(&self, place: &Place<T>, car: &Car<T, D, C>, steps: &CarSteps<T, D, C>) -> CarState<T, D> {
-        let mut state = CarState::AT_REST;
-        let Some(begin) = self.first_way() else {
-            return state;
+    fn approached(
+        &mut self,
+        place: &Place<T>,
+        car: &Car<T, D, C>,
+        steps: &CarSteps<T, D, C>,
+        track: &(impl Track<T> + ?Sized),
+    ) -> CarState<T, D> {
+        let Some(since_s) = self.since_begin_s(place, track) else {
+            return CarState::AT_REST;
         };
-        let Some(start_s) = self.run.time_at_s(begin + place.behind_m) else {
-            return state;
-        };
-        let first: f64 = (start_s / self.step_s).floor().into();
-        for step in first as i32..self.steps as i32 {
+        if let Some((approach, later_s)) = self.shared_approach(place, since_s) {
+            return approach.state(later_s);
+        }
+        let approach = self.approach(place, car, steps, since_s, |contact, way, speed| {
+            self.irregularity(track, contact.motion, way, speed)
+        });
+        self.approach = Some(approach);
+        approach.state
+    }
+
+    /// Time since a car's first wheelset was where the irregularity begins, as the last step ended, s; none on a smooth track.
+    pub(super) fn since_begin_s(&self, place: &Place<T>, track: &(impl Track<T> + ?Sized)) -> Option<T> {
+        let start_s = self.run.time_at_s(self.first_way(track)? + place.behind_m)?;
+        Some(T::counted(self.steps as i32 - 1) * self.step_s - start_s)
+    }
+
+    /// The approach that was stepped last, if it is that of this car, too, and how much later this one's ends, s.
+    pub(super) fn shared_approach(&self, place: &Place<T>, since_s: T) -> Option<(&Approach<T, D>, T)> {
+        let approach = self
+            .approach
+            .as_ref()
+            .filter(|last| self.shares(last, place, since_s))?;
+        Some((approach, since_s - approach.since_s))
+    }
+
+    /// Whether an approach is that of this car, too, but for a part of a step.
+    pub(super) fn shares(&self, approach: &Approach<T, D>, place: &Place<T>, since_s: T) -> bool {
+        let part_of_step = (since_s - approach.since_s).abs() <= self.step_s;
+        approach.kind == place.kind
+            && (self.run.acceleration_mps2 == T::zero() || approach.since_s == since_s)
+            && part_of_step
+    }
+
+    /// The end of a car's approach over rails that lead its contacts as `lead` says, of contact, way and speed. It has been under way for
+    /// `since_s`.
+    pub(super) fn approach(
+        &self,
+        place: &Place<T>,
+        car: &Car<T, D, C>,
+        steps: &CarSteps<T, D, C>,
+        since_s: T,
+        lead: impl Fn(&Contact<T, D>, T, T) -> Lead<T>,
+    ) -> Approach<T, D> {
+        let (mut state, mut before) = (CarState::AT_REST, CarState::<T, D>::AT_REST);
+        let count = (since_s / self.step_s).max(T::zero()).whole();
+        let first = (self.steps as i32 - 1).saturating_sub(count as i32);
+        for step in first..self.steps as i32 {
+            before = state;
             let TrainPosition { way_m, speed_mps } = self.run.after(step, self.step_s);
             let mut leads = [Lead::still(); C];
-            for (contact, lead) in car.contacts.iter().zip(&mut leads) {
-                *lead = self.irregularity(contact.motion, way_m - place.behind_m - contact.behind_m, speed_mps);
+            for (contact, to) in car.contacts.iter().zip(&mut leads) {
+                *to = lead(contact, way_m - place.behind_m - contact.behind_m, speed_mps);
             }
             steps.predict(car, &mut state, &leads, &mut [T::zero(); C]);
             steps.correct(0, &mut state, &[T::zero(); C]);
         }
-        state
+        let inverse = self.step_s.recip();
+        Approach {
+            kind: place.kind,
+            since_s,
+            state,
+            jerk: core::array::from_fn(|d| (state.acceleration[d] - before.acceleration[d]) * inverse),
+        }
     }
 
     /// Where the irregularity begins, m from the end that the train enters by; none on a smooth track.
-    fn first_way(&self) -> Option<T> {
-        let [begin, end] = self.track.extent_m()?;
+    fn first_way(&self, track: &(impl Track<T> + ?Sized)) -> Option<T> {
+        let [begin, end] = track.extent_m()?;
         Some(match self.run.direction {
             Direction::Forward => begin,
             Direction::Backward => self.length_m - end,
@@ -569,8 +684,7 @@ where
     }
 }
 
-impl<T, R, const M: usize, const D: usize, const C: usize, const A: usize>
-    Interaction<T, ModalBridge<T, M>, R, M, D, C, A>
+impl<T, const M: usize, const D: usize, const C: usize, const A: usize> Interaction<T, ModalBridge<T, M>, M, D, C, A>
 where
     T: Real,
 {

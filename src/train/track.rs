@@ -23,7 +23,7 @@ pub enum Motion {
     Roll,
 }
 
-/// Irregularity at one point of the track, in one motion (m or rad), and its first two derivatives along the track.
+/// Irregularity at one point of the track, in one motion (m or rad), and its first three derivatives along the track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Irregularity<T: Real> {
     /// The irregularity itself.
@@ -32,6 +32,8 @@ pub struct Irregularity<T: Real> {
     pub slope: T,
     /// Its second derivative, per m².
     pub curvature: T,
+    /// Its third derivative, per m³; it need not be continuous.
+    pub curvature_rate: T,
 }
 
 impl<T: Real> Irregularity<T> {
@@ -41,6 +43,7 @@ impl<T: Real> Irregularity<T> {
             value: T::zero(),
             slope: T::zero(),
             curvature: T::zero(),
+            curvature_rate: T::zero(),
         }
     }
 }

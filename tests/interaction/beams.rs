@@ -96,13 +96,13 @@ pub fn history_by<T: Real, const M: usize>(
     steps: usize,
 ) -> History {
     let cars = TrainSteps::new(train.borrow().clone(), scheme, T::of(step_s)).expect("a train");
-    let mut solver = PlanarInteraction::new(modal, Smooth, &cars, run).expect("a run");
+    let mut solver = PlanarInteraction::new(modal, &Smooth, &cars, run).expect("a run");
     let mut history = History {
         displacement: vec![],
         acceleration: vec![],
     };
     for _ in 0..steps {
-        solver.step(&cars);
+        solver.step(&cars, &Smooth);
         history
             .displacement
             .push([0, 1, 2].map(|c| solver.displacement_m(c).into()));

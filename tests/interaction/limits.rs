@@ -51,7 +51,7 @@ fn runs_that_cannot_be_solved_are_refused() {
     let attempt = |train: PlanarTrain<f64>, run: Run<f64>, step_s: f64| {
         let modal = ModalBridge::<f64, MODES>::new(&bridge, &[0.0; ELEMENTS], &[]);
         let cars = TrainSteps::new(train, Scheme::Exact, step_s)?;
-        PlanarInteraction::new(modal, Smooth, &cars, run).map(|_| ())
+        PlanarInteraction::new(modal, &Smooth, &cars, run).map(|_| ())
     };
     let run = run_at(20.0, Kinematics::Paper);
     assert_eq!(attempt(inspection(1), run, 1e-3), Ok(()));

@@ -73,7 +73,7 @@ pub struct Endless<'a, T: Real> {
 impl<'a, T: Real> Endless<'a, T> {
     pub fn new(traffic: Traffic, cars: &'a TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>) -> Self {
         let run = Run::at(T::of(SPEED_MPS));
-        let start = PlanarInteraction::new(girder(), Smooth, cars, run).expect("can be solved");
+        let start = PlanarInteraction::new(girder(), &Smooth, cars, run).expect("can be solved");
         let step_s: f64 = cars.step_s().into();
         Self {
             cars,
@@ -90,7 +90,7 @@ impl<'a, T: Real> Endless<'a, T> {
             self.now.clone_from(&self.start);
             self.done = 0;
         }
-        self.now.step(self.cars);
+        self.now.step(self.cars, &Smooth);
         self.done += 1;
         self.now.displacement_m(0)
     }

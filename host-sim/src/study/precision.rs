@@ -18,6 +18,7 @@ use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Observation, Run, Scheme, Simulation};
 use spanwatch::math::Real;
 use spanwatch::train::PlanarTrain;
+use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::{Quantity, TrainKind};
 
 use super::relative_rms;
@@ -152,10 +153,11 @@ impl Case {
         for (element, loss) in DAMAGED.into_iter().filter(|_| self.damaged) {
             hypothesis.damage[element - 1] = T::of(loss);
         }
-        let mut simulation = Simulation::<T, MODES>::new(bridge, &hypothesis, &observed)?;
+        let track = Profile::SMOOTH;
+        let mut simulation = Simulation::<T, MODES>::new(bridge, &hypothesis, &observed, &track)?;
         let mut channels = vec![Vec::with_capacity(samples); sensors.len()];
         for _ in 0..samples {
-            for (channel, value) in channels.iter_mut().zip(simulation.sample(&observed)) {
+            for (channel, value) in channels.iter_mut().zip(simulation.sample(&observed, &track)) {
                 channel.push(value.into());
             }
         }

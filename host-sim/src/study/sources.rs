@@ -27,6 +27,7 @@ use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, Sensitivities};
 use spanwatch::slot::Slot;
 use spanwatch::train::PlanarTrain;
+use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::{Quantity, Ranges};
 
 use super::noise::Nuisance;
@@ -244,13 +245,14 @@ impl Passage {
             let observation = Observation::new(train.clone(), hypothesis.run, recorder, scenario.scheme)?;
             let mut sensitivities = Box::new(Sensitivities::<f64, MODES>::NONE);
             let mut place = Slot::Empty;
-            sensitivities.begin(bridge, &hypothesis, &observation, &[true; UNKNOWNS], &mut place)?;
+            let track = Profile::SMOOTH;
+            sensitivities.begin(bridge, &hypothesis, &observation, &track, &[true; UNKNOWNS], &mut place)?;
             let simulation = place.as_mut().context("a simulation that has begun")?;
             let at = signal.len();
             signal.resize(at + chunk.len(), vec![]);
             jacobian.resize(at + chunk.len(), vec![]);
             for _ in 0..ends[1] {
-                let (sample, rows) = sensitivities.sample(simulation, &observation);
+                let (sample, rows) = sensitivities.sample(simulation, &observation, &track);
                 for c in 0..chunk.len() {
                     signal[at + c].push(sample[c]);
                     jacobian[at + c].push(rows[c]);

@@ -163,6 +163,7 @@ impl<T: Real> Track<T> for Profile {
             value: T::of(wide.value),
             slope: T::of(wide.slope),
             curvature: T::of(wide.curvature),
+            curvature_rate: T::of(wide.curvature_rate),
         }
     }
 }

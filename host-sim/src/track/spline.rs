@@ -89,6 +89,7 @@ impl Spline {
             value: a * f0 + b * f1 + h * h / 6.0 * ((a * a * a - a) * m0 + (b * b * b - b) * m1),
             slope: (f1 - f0) / h + h / 6.0 * ((3.0 * b * b - 1.0) * m1 - (3.0 * a * a - 1.0) * m0),
             curvature: a * m0 + b * m1,
+            curvature_rate: (m1 - m0) / h,
         }
     }
 

@@ -149,10 +149,10 @@ fn in_space() -> Result<Row> {
     let modal = ModalBridge::<f64, MODES>::new(&reduced, &damage, &[5]);
     let planar = PlanarTrain::of_kind(TrainKind::Shinkansen3d, 2).context("two cars")?;
     let cars = TrainSteps::new(planar, Scheme::Exact, STEP_S)?;
-    let mut interaction = PlanarInteraction::new(modal, Smooth, &cars, Run::at(SPEED_MPS))?;
+    let mut interaction = PlanarInteraction::new(modal, &Smooth, &cars, Run::at(SPEED_MPS))?;
     let expected: Vec<f64> = (0..STEPS)
         .map(|_| {
-            interaction.step(&cars);
+            interaction.step(&cars, &Smooth);
             interaction.acceleration_mps2(0)
         })
         .collect();

@@ -80,6 +80,7 @@ impl Track<f64> for Ramp {
             value: self.height_at(x_m),
             slope: self.slope_at(x_m),
             curvature: 0.0,
+            curvature_rate: 0.0,
         }
     }
 }

@@ -22,6 +22,7 @@ use spanwatch::capacity::{ELEMENTS, MODES};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, Simulation};
 use spanwatch::train::PlanarTrain;
+use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::Ranges;
 
 use super::Point;
@@ -38,6 +39,7 @@ const STEP: [f64; 5] = [2e-3, 1e-3, 1e-5, 1e-4, 1e-2];
 pub struct Explaining {
     bridge: ReducedBridge<f64>,
     observation: Observation<f64>,
+    track: Profile<f64>,
 }
 
 /// A recording looked at from one point: what it says of steps from there.
@@ -68,6 +70,7 @@ impl Explaining {
         let recorder = Recorder::new(sensors, scenario.sample_interval_s().recip(), scenario.antialias_hz);
         Ok(Self {
             bridge: bridge.clone(),
+            track: Profile::SMOOTH,
             observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
         })
     }
@@ -83,9 +86,14 @@ impl Explaining {
             run: at.run,
         };
         let channels = self.observation.recorder.sensors.len();
-        let mut simulation = Simulation::<f64, MODES>::new(&self.bridge, &hypothesis, &self.observation)?;
+        let mut simulation = Simulation::<f64, MODES>::new(&self.bridge, &hypothesis, &self.observation, &self.track)?;
         Ok((0..samples)
-            .flat_map(|_| simulation.sample(&self.observation).into_iter().take(channels))
+            .flat_map(|_| {
+                simulation
+                    .sample(&self.observation, &self.track)
+                    .into_iter()
+                    .take(channels)
+            })
             .collect())
     }
 
