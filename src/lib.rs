@@ -28,5 +28,6 @@ pub mod math;
 pub mod passage;
 pub mod recorder;
 pub mod slot;
+pub mod track;
 pub mod train;
 pub mod wire;

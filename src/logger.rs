@@ -27,8 +27,8 @@ use crate::math::level_db;
 use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
+use crate::track::profile::Profile;
 use crate::train::PlanarTrain;
-use crate::train::profile::Profile;
 use crate::wire::CRC32C;
 use crate::wire::message::{
     Alert, Channel, Configuration, Event, Fit, Memory, PassageReport, Quality, Quantity, Ranges, Reason, RivalReport,

@@ -10,8 +10,8 @@ use spanwatch::interaction::sensitivity::{ENTRY, LOAD, Response, SPEED, STIFFNES
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Direction, Hypothesis, Observation, Run, Scheme, Sensitivities, Simulation};
 use spanwatch::slot::Slot;
+use spanwatch::track::profile::{Knots, Profile, Stretch};
 use spanwatch::train::PlanarTrain;
-use spanwatch::train::profile::{Knots, Profile, Stretch};
 use spanwatch::wire::message::{Quantity, TrainKind};
 
 /// Relative RMS error of the derivative by a loss, against central differences: what [`sensitivity`](spanwatch::interaction::sensitivity)

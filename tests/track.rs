@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use host_sim::track::spectrum::Quantity;
 use host_sim::track::summary::{spacing_m, summary};
 use host_sim::track::{Profile, RAIL_DISTANCE_M, Rails, Spectrum, Stretch, generate, read, table};
-use spanwatch::train::track::{Irregularity, Motion, Track};
+use spanwatch::track::{Irregularity, Motion, Track};
 use tempfile::TempDir;
 
 use program::host_sim;

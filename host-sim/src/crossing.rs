@@ -6,9 +6,9 @@ use spanwatch::capacity::CARS;
 use spanwatch::interaction::car::CarState;
 use spanwatch::interaction::contact::hermite;
 use spanwatch::interaction::{Interaction, Modes, Run, Scheme, TrainSteps};
+use spanwatch::track::{Smooth, Track};
 use spanwatch::train::Motion;
 use spanwatch::train::stock::{SPATIAL_CONTACTS, SPATIAL_DOFS};
-use spanwatch::train::track::{Smooth, Track};
 
 use crate::model::modal::ModalModel;
 use crate::train::SpatialTrain;

@@ -17,8 +17,8 @@ use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, Identification, MicroG
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, SetupError};
 use spanwatch::passage::{Passage, Stream};
+use spanwatch::track::profile::Profile;
 use spanwatch::train::PlanarTrain;
-use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::{Quantity, Ranges};
 
 use crate::model::reduce::reduce;

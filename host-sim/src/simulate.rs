@@ -14,7 +14,7 @@ use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::interaction::{Direction, Kinematics, Run, Scheme};
 use spanwatch::math::Real;
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
-use spanwatch::train::track::Track;
+use spanwatch::track::Track;
 use spanwatch::wire::message::{Quantity, TrainKind};
 
 use crate::crossing::{Crossing, MAX_MODES};

@@ -20,8 +20,8 @@ use spanwatch::capacity::{CARS, CARS_ON_BRIDGE, CHANNELS, MODES, PATH_NODES};
 use spanwatch::interaction::scheme::CORNER_STEPS;
 use spanwatch::interaction::{PlanarInteraction, Run, Scheme, TrainSteps};
 use spanwatch::link::Board as _;
+use spanwatch::track::Smooth;
 use spanwatch::train::PlanarTrain;
-use spanwatch::train::track::Smooth;
 use spanwatch::wire::message::TrainKind;
 
 /// No stretch of steps takes nearly as long.

@@ -30,7 +30,7 @@ use crate::bridge::{Damage, ReducedBridge};
 use crate::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
 use crate::interaction::sensitivity::STIFFNESS;
 use crate::interaction::{Hypothesis, Observation, SetupError, Simulation};
-use crate::train::profile::Profile;
+use crate::track::profile::Profile;
 
 /// Part of a channel's power that counts as its noise at least: the square of what `f32` and the step leave in the
 /// solution, 1e-4 of the signal.

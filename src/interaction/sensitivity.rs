@@ -40,8 +40,9 @@ use crate::capacity::{
 use crate::math::{Real, add_scaled, dot, entries};
 use crate::recorder::AntiAliasState;
 use crate::slot::Slot;
-use crate::train::profile::Profile;
-use crate::train::{Contact, Track};
+use crate::track::Track;
+use crate::track::profile::Profile;
+use crate::train::Contact;
 use crate::wire::message::Quantity;
 
 /// Number of the unknown "logarithm of the stiffness of the whole bridge"; those before it are the elements' losses.

@@ -8,8 +8,8 @@ use crate::capacity::{CAR_DOFS, CAR_KINDS, CHANNELS, CONTACTS, ELEMENTS};
 use crate::math::Real;
 use crate::recorder::{AntiAlias, AntiAliasState};
 use crate::slot::Slot;
+use crate::track::profile::Profile;
 use crate::train::PlanarTrain;
-use crate::train::profile::Profile;
 use crate::wire::message::{Quantity, Ranges};
 
 /// Longest step of the solver, s. With it the error in the recorder's band (40 Hz, 8 modes) is 0.1 % at most; twice the step

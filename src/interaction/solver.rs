@@ -29,7 +29,7 @@ use super::run::{Direction, Kinematics, Run, SetupError, TrainPosition};
 use super::scheme::{CORNER_STEPS, ModeSteps, Scheme, corner};
 use crate::bridge::ModalBridge;
 use crate::math::{Real, add_scaled, dot, entries};
-use crate::train::track::Track;
+use crate::track::Track;
 use crate::train::{Car, Contact, Motion, Place, Train};
 
 /// The cars of a train, ready for steps of one length: each kind's matrix is factorised once for all runs.
@@ -113,7 +113,7 @@ pub(super) type Aboard<'a, T, const D: usize, const C: usize> = (&'a Place<T>, &
 /// use spanwatch::bridge::ModalBridge;
 /// use spanwatch::interaction::{PlanarInteraction, Run, Scheme, SetupError, TrainSteps};
 /// use spanwatch::train::PlanarTrain;
-/// use spanwatch::train::track::Smooth;
+/// use spanwatch::track::Smooth;
 /// use spanwatch::wire::message::TrainKind;
 ///
 /// // m = 5000 kg/m, f1 = 3.5 Hz, mass-normalised: sqrt(2 / (m L)) sin(pi x / L), a node every 5 m, a sensor at mid-span.

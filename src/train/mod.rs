@@ -16,9 +16,7 @@
 //!
 //! [`stock`] has the cars that the program knows by name; the 2-DOF car and the 15-DOF car differ in their springs only.
 
-pub mod profile;
 pub mod stock;
-pub mod track;
 
 use heapless::Vec;
 
@@ -26,7 +24,7 @@ use crate::capacity::{CAR_DOFS, CAR_KINDS, CAR_SPRINGS, CARS, CONTACTS};
 use crate::math::Real;
 use crate::wire::message::TrainKind;
 
-pub use track::{Motion, Track};
+pub use crate::track::Motion;
 
 /// Standard gravity, m/s² (ISO 80000-3).
 pub const GRAVITY_MPS2: f64 = 9.80665;

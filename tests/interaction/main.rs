@@ -20,7 +20,7 @@ use spanwatch::capacity::{BASIS, CAR_DOFS, CONTACTS, ELEMENTS, MODES};
 use spanwatch::interaction::{Kinematics, Modes, PlanarInteraction, Run, Scheme, SetupError, TrainSteps};
 use spanwatch::math::Real;
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
-use spanwatch::train::track::Smooth;
+use spanwatch::track::Smooth;
 use spanwatch::train::{Car, Contact, GRAVITY_MPS2, Motion, PlanarTrain, Spring, Train};
 use spanwatch::wire::message::TrainKind;
 

@@ -13,8 +13,8 @@ use spanwatch::bridge::ModalBridge;
 use spanwatch::capacity::{CAR_DOFS, CAR_KINDS, CONTACTS, ELEMENTS, MODES};
 use spanwatch::interaction::{PlanarInteraction, Run, Scheme, TrainSteps};
 use spanwatch::math::Real;
+use spanwatch::track::Smooth;
 use spanwatch::train::PlanarTrain;
-use spanwatch::train::track::Smooth;
 use spanwatch::wire::message::TrainKind;
 
 pub const BRIDGE: &str = "girder50";

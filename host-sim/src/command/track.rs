@@ -10,7 +10,7 @@ use host_sim::track::spline::POINTS_A_WAVE;
 use host_sim::track::summary::{Extreme, spacing_m, summary};
 use host_sim::track::{Profile, Spectrum, Stretch, generate, table};
 use host_sim::{output, picture};
-use spanwatch::train::track::Motion;
+use spanwatch::track::Motion;
 
 /// The motions of a track and what they are called.
 const MOTIONS: [(&str, Motion); 3] = [

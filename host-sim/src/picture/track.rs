@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use plotters::style::text_anchor::HPos;
-use spanwatch::train::track::{Motion, Track};
+use spanwatch::track::{Motion, Track};
 
 use super::canvas::{BLUE, BODY, INK, LEFT, SOFT, Svg, TITLE, ticks};
 use crate::output;

@@ -16,9 +16,9 @@ use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{ELEMENTS, MODES};
 use spanwatch::interaction::{Run, Scheme};
+use spanwatch::track::Track;
 use spanwatch::train::Train;
 use spanwatch::train::stock::{self, PITCH_M};
-use spanwatch::train::track::Track;
 
 use crate::crossing::Crossing;
 use crate::model::eigen::{Wanted, frequency_hz};

@@ -17,8 +17,8 @@ use spanwatch::capacity::MODES;
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Observation, Run, Scheme, Simulation};
 use spanwatch::math::Real;
+use spanwatch::track::profile::Profile;
 use spanwatch::train::PlanarTrain;
-use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::{Quantity, TrainKind};
 
 use super::relative_rms;

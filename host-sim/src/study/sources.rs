@@ -26,8 +26,8 @@ use spanwatch::interaction::sensitivity::STIFFNESS;
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, Sensitivities};
 use spanwatch::slot::Slot;
+use spanwatch::track::profile::Profile;
 use spanwatch::train::PlanarTrain;
-use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::{Quantity, Ranges};
 
 use super::noise::Nuisance;

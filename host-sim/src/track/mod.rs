@@ -18,7 +18,7 @@
 //!
 //! ```
 //! use host_sim::track::{Profile, Rails};
-//! use spanwatch::train::track::{Motion, Track};
+//! use spanwatch::track::{Motion, Track};
 //!
 //! let x_m: Vec<f64> = (0..=40).map(|i| 0.5 * f64::from(i)).collect();
 //! let bump_m = x_m.iter().map(|x| 1e-3 * (1.0 - (std::f64::consts::TAU * x / 20.0).cos())).collect();
@@ -35,7 +35,7 @@ pub mod summary;
 pub mod table;
 
 use spanwatch::math::Real;
-use spanwatch::train::track::{Irregularity, Motion, Track};
+use spanwatch::track::{Irregularity, Motion, Track};
 
 pub use generate::{Stretch, generate};
 pub use spectrum::Spectrum;

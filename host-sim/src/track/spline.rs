@@ -17,7 +17,7 @@
 //! `(2 pi h / L)^2 / 12`: 0.4 % of the shortest wave of a standard spectrum (1.5 m) at 0.05 m, 5 % at eight points a wave.
 //! Shorter waves come out wrong, and those under `2 h` not at all: a table must be fine enough for the waves that matter.
 
-use spanwatch::train::track::Irregularity;
+use spanwatch::track::Irregularity;
 
 /// Points a wave that [`Spline`] needs for its curvature to be within 5 %.
 pub const POINTS_A_WAVE: f64 = 8.0;

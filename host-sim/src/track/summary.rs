@@ -1,6 +1,6 @@
 //! What a track is like, in numbers.
 
-use spanwatch::train::track::{Motion, Track};
+use spanwatch::track::{Motion, Track};
 
 use super::{Profile, RAIL_DISTANCE_M, table};
 

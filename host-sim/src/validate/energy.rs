@@ -25,8 +25,8 @@
 
 use anyhow::{Context, Result};
 use spanwatch::interaction::{Kinematics, Modes, Run, Scheme};
+use spanwatch::track::{Smooth, Track};
 use spanwatch::train::stock::{self, SPATIAL_DOFS};
-use spanwatch::train::track::{Smooth, Track};
 
 use super::beam::{SpatialCar, alone};
 use super::compare::largest;

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use anyhow::{Context, Result};
 use spanwatch::interaction::{Run, Scheme};
 use spanwatch::recorder::{AntiAlias, AntiAliasState};
-use spanwatch::train::track::Track;
+use spanwatch::track::Track;
 use spanwatch::wire::message::TrainKind;
 
 use super::compare::relative_rms;

@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use spanwatch::bridge::ModalBridge;
 use spanwatch::capacity::{ELEMENTS, MODES};
 use spanwatch::interaction::{Direction, PlanarInteraction, Run, Scheme, TrainSteps};
-use spanwatch::train::track::{Irregularity, Smooth, Track};
+use spanwatch::track::{Irregularity, Smooth, Track};
 use spanwatch::train::{Motion, Place, PlanarTrain, Train};
 use spanwatch::wire::message::TrainKind;
 

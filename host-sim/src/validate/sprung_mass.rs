@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use spanwatch::interaction::{Kinematics, Run, Scheme};
+use spanwatch::track::{Irregularity, Track};
 use spanwatch::train::Motion;
-use spanwatch::train::track::{Irregularity, Track};
 
 use super::beam::{self, Beam, History};
 use super::compare::lowest;

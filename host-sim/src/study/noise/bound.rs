@@ -21,8 +21,8 @@ use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::capacity::{ELEMENTS, MODES};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, Simulation};
+use spanwatch::track::profile::Profile;
 use spanwatch::train::PlanarTrain;
-use spanwatch::train::profile::Profile;
 use spanwatch::wire::message::Ranges;
 
 use super::Point;

@@ -24,8 +24,8 @@
 //! Cost: 1.1 kB; a look-up is one division, some 30 multiplications and no search.
 //!
 //! ```
-//! use spanwatch::train::profile::{Knots, Profile, Stretch};
-//! use spanwatch::train::track::{Motion, Track};
+//! use spanwatch::track::profile::{Knots, Profile, Stretch};
+//! use spanwatch::track::{Motion, Track};
 //!
 //! let knots = Knots::new(&[
 //!     Stretch { from_m: -30.0_f64, spacing_m: 3.0, spans: 10 },
@@ -45,7 +45,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::track::{Irregularity, Motion, Track};
+use super::{Irregularity, Motion, Track};
 use crate::capacity::{PROFILE_COEFFICIENTS, PROFILE_KNOTS};
 use crate::math::Real;
 

@@ -10,6 +10,9 @@
 //! are its vertical, lateral and rolling [`Motion`]. `x` points along the track from node 1, `y` to the left, `z` up;
 //! `theta` is positive about `x`: the left wheel rises.
 
+pub mod learnt;
+pub mod profile;
+
 use crate::math::Real;
 
 /// One of the three motions in which the rails lead a wheelset.
