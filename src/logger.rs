@@ -303,7 +303,7 @@ impl Logger {
     /// Takes another bridge model, as [`blob::write`] makes it. An identification in progress and the evidence are dropped with the old
     /// one. Bytes that were changed on their way leave the old model; a model that is refused leaves none.
     pub fn load(&mut self, model: &[u8]) -> Result<(), BlobError> {
-        self.end_work(Verdict::NotIdentified(Reason::NoModel));
+        self.end_work(Verdict::NotIdentified(Reason::Interrupted));
         blob::read_into(model, &mut self.bridge)?;
         let crc = CRC32C.checksum(model);
         if crc != self.model_crc {
