@@ -267,7 +267,8 @@ pub enum Outcome {
     Model(BlobError),
     /// Samples before a configuration, or counts that do not fit the channels.
     Samples,
-    /// Pieces of a model or an evidence out of order, or too many bytes.
+    /// A piece of a model or an evidence out of order, or too many bytes; or a passage has taken the room of those before it. Begin
+    /// again at the first.
     Chunk,
     /// The evidence cannot be gone on from.
     Evidence(EvidenceError),
