@@ -8,6 +8,9 @@
 //! ([`Estimate::is_certain`](crate::identify::estimate::Estimate::is_certain)). While one passage is being identified
 //! the next one is found and reported, but its samples are not kept: there is memory for one.
 
+mod delivery;
+mod room;
+
 use core::fmt;
 
 use heapless::{Deque, Vec};
@@ -20,7 +23,7 @@ use crate::identify::estimate::{CONTRADICTION, Estimate};
 use crate::identify::evidence::{Change, Evidence, EvidenceError, Forgetting};
 use crate::identify::hybrid::HIDDEN;
 use crate::identify::refine::Stop;
-use crate::identify::{Hybrid, Identification, Pass, Problem};
+use crate::identify::{Hybrid, Identification, Problem};
 use crate::interaction::simulation::{Recorder, Sensor};
 use crate::interaction::{Direction, Observation, Run, Scheme, SetupError};
 use crate::math::level_db;
@@ -34,6 +37,11 @@ use crate::wire::message::{
     Alert, Channel, Configuration, Event, Fit, Memory, PassageReport, Quality, Quantity, Ranges, Reason, RivalReport,
     Traffic, Trigger, Verdict,
 };
+
+use delivery::Deliveries;
+use room::Room;
+
+pub use delivery::Item;
 
 /// Part of a passage's samples that may be missing, saturated or stuck for it to be identified all the same.
 const BAD_SAMPLES: f32 = 0.05;
@@ -248,8 +256,9 @@ pub struct Logger {
     track: Profile<f32>,
     stream: Stream,
     work: Slot<Work>,
-    /// Memory for the work.
-    pass: Pass,
+    /// Memory for the work, which always has it, or for what is on its way.
+    room: Room,
+    deliveries: Deliveries,
     /// What all passages say.
     evidence: Evidence,
     /// CRC-32C of the bridge model, by which its evidence is known.
@@ -275,7 +284,8 @@ impl Logger {
             track: Profile::SMOOTH,
             stream: Stream::new(),
             work: Slot::Empty,
-            pass: Pass::new(),
+            room: Room::Empty,
+            deliveries: Deliveries::new(),
             evidence: Evidence::new(Forgetting::NEVER),
             model_crc: 0,
             events: Deque::new(),
@@ -307,14 +317,8 @@ impl Logger {
     /// Takes another bridge model, as [`blob::write`] makes it. An identification in progress and the evidence are dropped with the old
     /// one. Bytes that were changed on their way leave the old model; a model that is refused leaves none.
     pub fn load(&mut self, model: &[u8]) -> Result<(), BlobError> {
-        self.end_work(Verdict::NotIdentified(Reason::NoModel));
-        blob::read_into(model, &mut self.bridge)?;
-        let crc = CRC32C.checksum(model);
-        if crc != self.model_crc {
-            self.model_crc = crc;
-            self.evidence = Evidence::new(self.evidence.forgetting());
-        }
-        Ok(())
+        self.end_work(Verdict::NotIdentified(Reason::Interrupted));
+        adopt(model, &mut self.bridge, &mut self.model_crc, &mut self.evidence)
     }
 
     /// Writes what all passages say of the bridge into `buffer`; nothing if there is no room.
@@ -344,7 +348,7 @@ impl Logger {
 
     /// Does one slice of the work that waits; true if there is more.
     pub fn poll(&mut self) -> bool {
-        let Some(work) = self.work.as_mut() else {
+        let (Some(work), Some(pass)) = (self.work.as_mut(), self.room.pass()) else {
             return false;
         };
         let problem = Problem {
@@ -356,7 +360,7 @@ impl Logger {
         };
         if let Some(guess) = &mut work.guess {
             let before = guess.solver_steps();
-            let progress = guess.advance(&problem, &mut self.pass);
+            let progress = guess.advance(&problem, pass);
             let steps = guess.solver_steps().saturating_sub(before);
             self.solver_steps = self.solver_steps.saturating_add(steps);
             match progress {
@@ -372,10 +376,7 @@ impl Logger {
             return false;
         }
         let before = work.search.solver_steps();
-        let found = work
-            .search
-            .advance(&problem, &mut self.pass)
-            .map(|found| found.is_some());
+        let found = work.search.advance(&problem, pass).map(|found| found.is_some());
         let steps = work.search.solver_steps().saturating_sub(before);
         self.solver_steps = self.solver_steps.saturating_add(steps);
         match found {
@@ -456,6 +457,7 @@ impl Logger {
             search: Hybrid::new(configuration.seed),
             report,
         });
+        self.room.begin_pass();
     }
 
     fn describe(&self, passage: &Passage) -> PassageReport {
@@ -585,6 +587,22 @@ impl Logger {
         // Whoever runs the logger fetches its events after every call; no call causes more of them.
         let _ = self.events.push_back(event);
     }
+}
+
+/// Puts a bridge model into its place; another one than before begins an evidence of its own.
+fn adopt(
+    model: &[u8],
+    bridge: &mut ReducedBridge<f32>,
+    bridge_crc: &mut u32,
+    evidence: &mut Evidence,
+) -> Result<(), BlobError> {
+    blob::read_into(model, bridge)?;
+    let crc = CRC32C.checksum(model);
+    if crc != *bridge_crc {
+        *bridge_crc = crc;
+        *evidence = Evidence::new(evidence.forgetting());
+    }
+    Ok(())
 }
 
 /// To the nearest per mille; what is larger than a message can hold becomes the largest that it can.

@@ -13,7 +13,7 @@ use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 4;
+pub const VERSION: u8 = 5;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -267,7 +267,8 @@ pub enum Outcome {
     Model(BlobError),
     /// Samples before a configuration, or counts that do not fit the channels.
     Samples,
-    /// Pieces of a model or an evidence out of order, or too many bytes.
+    /// A piece of a model or an evidence out of order, or too many bytes; or a passage has taken the room of those before it. Begin
+    /// again at the first.
     Chunk,
     /// The evidence cannot be gone on from.
     Evidence(EvidenceError),
@@ -384,6 +385,8 @@ pub enum Reason {
     TooLong,
     /// An earlier passage was still being identified.
     Busy,
+    /// Another bridge model came before the search was over.
+    Interrupted,
     /// Too many missing, saturated or stuck samples.
     BadQuality,
     /// The expected train enters before or after this passage, or would take longer to cross the bridge.

@@ -112,6 +112,7 @@ fn why(reason: &Reason) -> String {
         Reason::NoTraffic => "the logger was not told which train passes".to_owned(),
         Reason::TooLong => "the passage is longer than the logger can keep or identify".to_owned(),
         Reason::Busy => "the logger was still identifying an earlier passage".to_owned(),
+        Reason::Interrupted => "another model of the bridge came before the search was over".to_owned(),
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
         Reason::NotThisTrain => {
             "the train that was announced did not enter the bridge during it, or takes longer to cross it".to_owned()
