@@ -181,10 +181,7 @@ fn experiment() {
             let observed = damaged.observed.with_track(&found.learnt);
             let f = observed.identify(1).expect("identifies");
             let squares = observed.mean_squares(&f).expect("squares");
-            (
-                f,
-                host_sim::calibrate::ratio(&found.learnt, &squares) / f64::from(found.learnt.scatter),
-            )
+            (f, found.learnt.misfit(&squares))
         })
         .collect();
     for (f, z) in &results {

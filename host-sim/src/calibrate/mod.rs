@@ -22,7 +22,7 @@
 //! B = G (Cov(s) + drift C) G^T        summed over the kinds of train: no mixture of them has more
 //! ```
 //!
-//! is the variance that no number of passages averages away; its inverse goes to the logger. `drift C` is the largest change of
+//! is the variance that no number of passages averages away. `drift C` is the largest change of
 //! the track that the logger's test of the track cannot see. It is most of `B`: sixty passages of sixteen cars leave 0.1 to 0.3 points
 //! of an element of girder50 open, but a change of the rails by a hundredth of a millimetre (waves below 20 m) is not seen, and may pass for 1 to 5.
 
@@ -35,6 +35,7 @@ use spanwatch::identify::Identification;
 use spanwatch::interaction::Run;
 use spanwatch::track::learnt::{LearntTrack, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Stretch};
+use spanwatch::track::watch::unseen;
 use spanwatch::wire::message::TrainKind;
 
 use crate::batch::each;
@@ -59,6 +60,8 @@ const SETTLED: f64 = 1e-3;
 const OUTLYING: f64 = 6.0;
 /// The robust deviation is at least this: a passage a fifth worse than the rest is none the worse for it.
 const LEAST_SCATTER: f64 = 0.05;
+/// Standard deviation that each loss has at least: less than any that matters, and the covariance keeps its factor.
+const LEAST_FLOOR: f64 = 1e-4;
 /// Fewest passages that can be called a reference.
 const FEWEST: usize = 5;
 /// Part of its samples that a passage may lack.
@@ -419,9 +422,9 @@ impl Joint {
             profile: self.shared.profile(&self.knots),
             stiffness: self.shared.stiffness as f32,
             damping: self.shared.damping as f32,
-            reference: SMatrix::zeros(),
+            spread: SMatrix::zeros(),
             unexplained: [Unexplained::default(); CHANNELS],
-            scatter: 0.0,
+            scatter: 1.0,
             passages: candidates.len() as u16,
             speeds: [0; 2],
         };
@@ -441,7 +444,10 @@ impl Joint {
             let pairs: Vec<[f64; 2]> = monitored.iter().map(|(_, squares)| squares[c].map(f64::from)).collect();
             *unexplained = noise(&pairs);
         }
-        let ratios: Vec<f64> = monitored.iter().map(|(_, squares)| ratio(&learnt, squares)).collect();
+        let ratios: Vec<f64> = monitored
+            .iter()
+            .map(|(_, squares)| learnt.misfit(squares).into())
+            .collect();
         let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
         let variance = ratios.iter().map(|ratio| (ratio - mean).powi(2)).sum::<f64>() / (ratios.len() - 1) as f64;
         learnt.scatter = variance.sqrt() as f32;
@@ -449,11 +455,12 @@ impl Joint {
             unexplained.floor *= mean.exp() as f32;
             unexplained.part *= mean.exp() as f32;
         }
-        let floor = self.floor(candidates, solved, drift(&learnt))?;
-        let inverse = floor.try_inverse();
-        if let Some(inverse) = inverse {
-            learnt.reference = SMatrix::from_fn(|i, j| (0.5 * (inverse[(i, j)] + inverse[(j, i)])) as f32);
-        }
+        let floor = self.floor(candidates, solved, f64::from(unseen(&learnt)))?;
+        let Some(factor) = floor.cholesky() else {
+            bail!("the reference is no covariance: the passages contradict themselves");
+        };
+        let lower = factor.l();
+        learnt.spread = SMatrix::from_fn(|i, j| lower[(i, j)] as f32);
         let deviations = std::array::from_fn(|e| floor[(e, e)].max(0.0).sqrt());
         Ok((
             learnt,
@@ -473,7 +480,7 @@ impl Joint {
         let n = solved.covariance.nrows();
         let s = n - ELEMENTS;
         let unknown = solved.covariance.view((ELEMENTS, ELEMENTS), (s, s));
-        let mut floor = SMatrix::zeros();
+        let mut floor = SMatrix::<f64, ELEMENTS, ELEMENTS>::identity() * LEAST_FLOOR.powi(2);
         for kind in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
             let of_kind: Vec<&Linear> = (candidates.iter().zip(&solved.passages))
                 .filter(|((_, candidate), _)| candidate.passage.train == kind)
@@ -571,18 +578,4 @@ fn noise(pairs: &[[f64; 2]]) -> Unexplained {
         floor: floor as f32,
         part: part as f32,
     }
-}
-
-/// Mean over the channels of the logarithm of what is left over what is expected to be.
-pub fn ratio(learnt: &LearntTrack, squares: &[[f32; 2]; CHANNELS]) -> f64 {
-    let logs: Vec<f64> = (squares.iter().zip(&learnt.unexplained))
-        .filter(|([power, _], _)| *power > 0.0)
-        .map(|([power, left], expected)| f64::from(left / (expected.floor + expected.part * power)).ln())
-        .collect();
-    logs.iter().sum::<f64>() / logs.len() as f64
-}
-
-/// Part by which the power left may grow unseen.
-fn drift(learnt: &LearntTrack) -> f64 {
-    (6.5 * f64::from(learnt.scatter) / 39.0_f64.sqrt()).exp_m1()
 }
