@@ -115,6 +115,7 @@ impl Desk {
                     })
             }
             Request::Model(chunk) => self.logger.take_piece(Item::Model, &chunk),
+            Request::Track(chunk) => self.logger.take_piece(Item::Track, &chunk),
             Request::Samples(block) => {
                 let start = board.ticks();
                 let taken = self.logger.push(block.first_sample, &block.counts);
@@ -148,6 +149,7 @@ impl Desk {
 
     fn status(&self, rejected: u32, board: &mut impl Board) -> Status {
         Status {
+            track: self.logger.track_state(),
             samples: self.logger.samples(),
             passages: self.logger.passages(),
             alerts: self.logger.alerts(),
