@@ -113,7 +113,9 @@ impl<const N: usize> Pieces<N> {
 }
 
 impl Logger {
+    // Not inlined: what reads a whole model or evidence must not stand on the stack under a passage that has come.
     /// Takes a piece of `item`, and the whole once the last piece is there.
+    #[inline(never)]
     pub fn take_piece(&mut self, item: Item, chunk: &Chunk) -> Outcome {
         let piece = Piece {
             item,
