@@ -33,7 +33,7 @@ use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
 use crate::track::blob::TrackError;
 use crate::track::learnt::LearntTrack;
-use crate::track::watch::{Finding, Watch};
+use crate::track::watch::Finding;
 use crate::train::PlanarTrain;
 use crate::wire::CRC32C;
 use crate::wire::message::{
@@ -307,7 +307,6 @@ impl Logger {
         } = configuration.memory;
         let forgetting = Forgetting::new(long_passages, recent_passages).map_err(|_| ConfigurationError::Memory)?;
         self.evidence = Evidence::new(forgetting);
-        self.rails.watch = Watch::NEW;
         self.stream.configure(&configuration);
         self.work = Slot::Empty;
         self.events.clear();
@@ -322,8 +321,9 @@ impl Logger {
     /// one. Bytes that were changed on their way leave the old model; a model that is refused leaves none.
     pub fn load(&mut self, model: &[u8]) -> Result<(), BlobError> {
         self.end_work(Verdict::NotIdentified(Reason::Interrupted));
+        let before = self.model_crc;
         adopt(model, &mut self.bridge, &mut self.model_crc, &mut self.evidence)?;
-        self.rails.begin(&self.bridge);
+        self.rails.follow(&mut self.bridge, before == self.model_crc);
         Ok(())
     }
 

@@ -178,13 +178,16 @@ impl Logger {
                     .adopt(&pieces.bytes, &mut self.bridge, self.model_crc, &mut self.evidence))
                 .map_or_else(Outcome::Track, |()| Outcome::Done)
             }
-            Taken::Whole => match adopt(&pieces.bytes, &mut self.bridge, &mut self.model_crc, &mut self.evidence) {
-                Ok(()) => {
-                    self.rails.begin(&self.bridge);
-                    Outcome::Done
+            Taken::Whole => {
+                let before = self.model_crc;
+                match adopt(&pieces.bytes, &mut self.bridge, &mut self.model_crc, &mut self.evidence) {
+                    Ok(()) => {
+                        self.rails.follow(&mut self.bridge, before == self.model_crc);
+                        Outcome::Done
+                    }
+                    Err(error) => Outcome::Model(error),
                 }
-                Err(error) => Outcome::Model(error),
-            },
+            }
         }
     }
 

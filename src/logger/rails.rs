@@ -43,12 +43,18 @@ impl Rails {
         }
     }
 
-    /// Begins with another bridge, of whose track nothing is known.
-    pub(super) fn begin(&mut self, bridge: &ReducedBridge<f32>) {
-        *self = Self {
-            rayleigh: bridge.rayleigh,
-            ..Self::new()
-        };
+    /// A bridge model has been loaded. If it is not the `same` as before, nothing is known of its track.
+    pub(super) fn follow(&mut self, bridge: &mut ReducedBridge<f32>, same: bool) {
+        if !same {
+            *self = Self::new();
+        }
+        self.rayleigh = bridge.rayleigh;
+        self.damp(bridge);
+    }
+
+    fn damp(&self, bridge: &mut ReducedBridge<f32>) {
+        let damping = self.learnt().damping;
+        bridge.rayleigh = self.rayleigh.map(|coefficient| coefficient * damping);
     }
 
     /// Takes a learnt track, as [`blob::write()`] makes it. What is known of the bridge by an earlier one is kept with its own weight. A track
@@ -84,7 +90,7 @@ impl Rails {
         *evidence = retired;
         self.crc = crc;
         self.watch = Watch::NEW;
-        bridge.rayleigh = self.rayleigh.map(|coefficient| coefficient * self.learnt().damping);
+        self.damp(bridge);
         Ok(())
     }
 }

@@ -28,18 +28,24 @@
 
 mod linear;
 
-use anyhow::{Result, bail};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
 use nalgebra::{DMatrix, DVector, SMatrix};
+use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::identify::Identification;
 use spanwatch::interaction::Run;
-use spanwatch::track::learnt::{LearntTrack, Unexplained, speed_band};
+use spanwatch::track::blob;
+use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Stretch};
 use spanwatch::track::watch::unseen;
+use spanwatch::wire::CRC32C;
 use spanwatch::wire::message::TrainKind;
 
 use crate::batch::each;
 use crate::identification::Observed;
+use crate::model::to_blob;
 use crate::track::Spectrum;
 use crate::track::prior::covariance;
 use linear::{COEFFICIENTS, Linear, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
@@ -434,19 +440,21 @@ impl Joint {
         // As the logger will: each passage once more, with what was learnt.
         let monitored = each(candidates, |(_, candidate)| {
             let observed = candidate.passage.observed.with_track(&learnt);
-            let found = observed.identify(options.seed)?;
-            Ok((found, observed.mean_squares(&found)?))
+            observed.identify(options.seed)
         })
         .into_iter()
         .collect::<Result<Vec<_>>>()?;
         let channels = candidates[0].1.passage.observed.problem().channels();
         for (c, unexplained) in learnt.unexplained.iter_mut().enumerate().take(channels) {
-            let pairs: Vec<[f64; 2]> = monitored.iter().map(|(_, squares)| squares[c].map(f64::from)).collect();
+            let pairs: Vec<[f64; 2]> = monitored
+                .iter()
+                .map(|found| found.mean_squares[c].map(f64::from))
+                .collect();
             *unexplained = noise(&pairs);
         }
         let ratios: Vec<f64> = monitored
             .iter()
-            .map(|(_, squares)| learnt.misfit(squares).into())
+            .map(|found| learnt.misfit(&found.mean_squares).into())
             .collect();
         let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
         let variance = ratios.iter().map(|ratio| (ratio - mean).powi(2)).sum::<f64>() / (ratios.len() - 1) as f64;
@@ -464,7 +472,7 @@ impl Joint {
         let deviations = std::array::from_fn(|e| floor[(e, e)].max(0.0).sqrt());
         Ok((
             learnt,
-            monitored.iter().map(|(found, _)| found.unexplained).collect(),
+            monitored.iter().map(|found| found.unexplained).collect(),
             deviations,
         ))
     }
@@ -527,6 +535,35 @@ fn promise(passages: &[Linear], step: &DVector<f64>) -> f64 {
         values += f64::from(passage.power.values());
     }
     gain / values
+}
+
+impl Calibration {
+    /// For the logger's memory, with the model of the bridge that it was learnt with.
+    ///
+    /// # Errors
+    /// If the numbers have no room in a blob.
+    pub fn to_blob(&self, bridge: &ReducedBridge<f64>) -> Result<Vec<u8>> {
+        let coefficients: Vec<f32> = self.coefficients.iter().map(|&c| c as f32).collect();
+        let mut buffer = [0; blob::TRACK_BLOB_BYTES];
+        Ok(blob::write(&self.learnt, &coefficients, bridge_crc(bridge)?, &mut buffer)?.to_vec())
+    }
+}
+
+/// Reads a track that was learnt with this model of its bridge.
+///
+/// # Errors
+/// If it cannot be read, or is refused.
+pub fn read(path: &Path, bridge: &ReducedBridge<f64>) -> Result<LearntTrack> {
+    let name = path.display();
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
+    let mut learnt = UNLEARNT.clone();
+    blob::read_into(&bytes, bridge_crc(bridge)?, &mut learnt).with_context(|| name.to_string())?;
+    Ok(learnt)
+}
+
+/// By what a track knows its bridge.
+fn bridge_crc(bridge: &ReducedBridge<f64>) -> Result<u32> {
+    Ok(CRC32C.checksum(&to_blob(bridge)?))
 }
 
 /// The places of what is explained far worse than the rest.
