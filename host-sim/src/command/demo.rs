@@ -81,6 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 raised = Some(alert.clone());
                 super::print(&format!("  {text}\n"))
             }
+            Told::Track { report, start_s } => super::print(&format!("  {}\n", words::track_changed(report, *start_s))),
         })?;
         let path = out.join(shipped.stem).with_extension("svg");
         draw(&path, &shipped, &prepared, raised.as_ref())?;
