@@ -29,6 +29,7 @@
 //! ```
 
 pub mod generate;
+pub mod prior;
 pub mod spectrum;
 pub mod spline;
 pub mod summary;
