@@ -37,6 +37,6 @@ pub const MODEL_BLOB_BYTES: usize = 4608;
 /// Bytes of one message's payload in a frame.
 pub const PAYLOAD_BYTES: usize = 512;
 /// Knots of the rail's profile.
-pub const PROFILE_KNOTS: usize = 132;
+pub const PROFILE_KNOTS: usize = 152;
 /// B-splines that stand on them.
 pub const PROFILE_COEFFICIENTS: usize = PROFILE_KNOTS - 4;

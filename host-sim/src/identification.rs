@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
-use spanwatch::capacity::ELEMENTS;
+use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::guess::{self, FirstGuess, Progress, Unknown};
 use spanwatch::identify::free_vibration::{
     Compared, FreeVibration, SEARCHED, expected, first_free_sample, free_vibration,
@@ -17,6 +17,7 @@ use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, Identification, MicroG
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, SetupError};
 use spanwatch::passage::{Passage, Stream};
+use spanwatch::track::learnt::LearntTrack;
 use spanwatch::track::profile::Profile;
 use spanwatch::train::PlanarTrain;
 use spanwatch::wire::message::{Quantity, Ranges};
@@ -480,6 +481,14 @@ impl Observed {
         hybrid(&self.problem(), seed, &mut || ())
     }
 
+    /// The same passage with what was learnt of the track.
+    pub fn with_track(&self, learnt: &LearntTrack) -> Self {
+        let mut observed = self.clone();
+        observed.track = learnt.profile.clone();
+        observed.bridge.rayleigh = observed.bridge.rayleigh.map(|coefficient| coefficient * learnt.damping);
+        observed
+    }
+
     /// The problem to be searched.
     pub fn problem(&self) -> Problem<'_> {
         Problem {
@@ -492,6 +501,29 @@ impl Observed {
                 damping: tail.damping,
             }),
         }
+    }
+
+    /// Mean squares of the recording and of what is left of it, of each channel.
+    pub fn mean_squares(&self, found: &Identification) -> Result<[[f32; 2]; CHANNELS]> {
+        let hypothesis = Hypothesis {
+            damage: found.estimate.damage,
+            stiffness: found.stiffness,
+            run: found.run,
+        };
+        let simulated = self.simulate_hypothesis(&hypothesis)?;
+        let channels = self.problem().channels();
+        let mut squares = [[0.0_f32; 2]; CHANNELS];
+        for (c, squares) in squares.iter_mut().enumerate().take(channels) {
+            let pairs = self.samples.iter().zip(&simulated).skip(c).step_by(channels);
+            let mut sums = [0.0_f64; 3];
+            for (f, s) in pairs.filter(|(f, _)| !f.is_nan()) {
+                sums[0] += f64::from(f * f);
+                sums[1] += f64::from((f - s) * (f - s));
+                sums[2] += 1.0;
+            }
+            *squares = [(sums[0] / sums[2]) as f32, (sums[1] / sums[2]) as f32];
+        }
+        Ok(squares)
     }
 
     /// The passage simulated with `damage`, m/s² (m), as many samples as were recorded, channel after channel.

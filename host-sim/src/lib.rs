@@ -1,6 +1,7 @@
 //! The PC side of Spanwatch: what the binary `host-sim` is made of.
 
 pub mod batch;
+pub mod calibrate;
 pub mod channel;
 pub mod crossing;
 pub mod evaluate;

@@ -1,127 +1,111 @@
-//! What a spectrum says of a rail's profile before any train has passed: the covariance of its B-spline coefficients; and the B-splines
-//! that come nearest to a track.
+//! What a standard spectrum says beforehand of a profile's coefficients.
 //!
 //! ```text
-//! c = argmin sum_i (sum_k c_k N_k(x_i) - g(x_i) + line(x_i))^2 = P g        line: through g at the first and the last knot
-//! C = sum_w S(s_w) ds_w (P cos_w (P cos_w)^T + P sin_w (P sin_w)^T)        waves cos, sin (2 pi s_w x) of the spectrum
+//! R(x, y) = rho(x - y) - rho(x - x0) - rho(y - x0) + rho(0),   rho(d) = integral S(s) cos(2 pi s d) ds
+//! c = F r,  F = (N^T N)^-1 N^T                                 the B-splines' least-squares fit to the rail at close points
+//! Cov(c) = F R F^T
 //! ```
 //!
-//! A [`Profile`] begins and ends at zero; a track does not. The line between is what no wheel feels on its way, neither a
-//! height nor a constant slope, so it is taken off. What is left of the slope at both ends cannot be had by the B-splines and is wrong
-//! over about one span.
-//!
-//! Waves shorter than two spans are no longer told from each other there. That is meant: a prior must not promise what its B-splines
-//! cannot be.
-//!
-//! Cost: a projection of 2400 waves on the grid, half a second for 120 B-splines.
+//! `x0` is the first knot, from whose height a profile is measured. Waves shorter than two spans are not in a profile, and the
+//! fit leaves them out.
 
-use std::f64::consts::TAU;
-
-use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
 use spanwatch::track::profile::{Knots, Profile};
 use spanwatch::track::{Motion, Track};
 
-use super::spectrum::{Quantity, Spectrum};
+use super::Spectrum;
+use super::spectrum::Quantity;
 
-/// Points of the grid in the shortest span.
-const POINTS_A_SPAN: f64 = 8.0;
-/// Bands of the spectrum, of equal ratio.
-const WAVES: usize = 1200;
+/// Distance of the points that a fit is made to, m.
+const POINT_M: f64 = 0.2;
+/// Waves by which the spectrum is summed, evenly spaced in the logarithm of their length.
+const WAVES: usize = 1500;
+/// Part of the largest variance that is added to each, so that the covariance keeps its inverse.
+const RIDGE: f64 = 1e-9;
 
-/// Places at which a track and its B-splines are compared, and how to project on these.
-struct Grid {
-    x_m: Vec<f64>,
-    /// A row a B-spline: the projection `P`, without the line.
-    projection: DMatrix<f64>,
+fn points(knots: &Knots<f64>) -> Vec<f64> {
+    let [first, last] = knots.extent_m().unwrap_or([0.0; 2]);
+    let count = ((last - first) / POINT_M) as usize;
+    (0..=count).map(|i| first + POINT_M * i as f64).collect()
 }
 
-impl Grid {
-    /// None without knots.
-    fn new(knots: &Knots<f64>) -> Option<Self> {
-        let [first, last] = knots.extent_m()?;
-        let shortest = (knots.stretches().iter())
-            .map(|stretch| stretch.spacing_m)
-            .fold(f64::INFINITY, f64::min);
-        let intervals = ((last - first) / shortest * POINTS_A_SPAN).ceil();
-        let x_m: Vec<f64> = (0..=intervals as usize)
-            .map(|i| first + (last - first) * i as f64 / intervals)
-            .collect();
-        let mut values = DMatrix::zeros(x_m.len(), knots.coefficients());
-        for (k, mut column) in values.column_iter_mut().enumerate() {
-            let bspline = Profile::bspline(knots.clone(), k);
-            for (value, &x) in column.iter_mut().zip(&x_m) {
-                *value = bspline.at(Motion::Vertical, x).value;
-            }
-        }
-        let projection = values.tr_mul(&values).cholesky()?.solve(&values.transpose());
-        Some(Self { x_m, projection })
-    }
-
-    /// Takes the line through both ends off.
-    fn without_line(&self, values: &mut [f64]) {
-        let (begin, end) = (values[0], values[values.len() - 1]);
-        let last = (values.len() - 1) as f64;
-        for (i, value) in values.iter_mut().enumerate() {
-            *value -= begin + (end - begin) * i as f64 / last;
+/// `F`, a row a coefficient.
+fn fitting(knots: &Knots<f64>, points: &[f64]) -> DMatrix<f64> {
+    let n = knots.coefficients();
+    let mut bsplines = DMatrix::zeros(points.len(), n);
+    for k in 0..n {
+        let bspline = Profile::bspline(knots.clone(), k);
+        for (i, &x) in points.iter().enumerate() {
+            bsplines[(i, k)] = bspline.at(Motion::Vertical, x).value;
         }
     }
+    let transposed = bsplines.transpose();
+    let gram = &transposed * bsplines;
+    // B-splines are independent: the matrix has a factor wherever a point lies in each.
+    gram.cholesky()
+        .map_or_else(|| DMatrix::zeros(n, points.len()), |factor| factor.solve(&transposed))
 }
 
-/// Covariance of the coefficients, m², of a profile of `spectrum`, all of its waves.
-///
-/// # Errors
-/// Without knots.
-pub fn covariance(spectrum: Spectrum, knots: &Knots<f64>) -> Result<DMatrix<f64>> {
-    let grid = Grid::new(knots).context("a profile without knots has no covariance")?;
-    let [shortest_m, longest_m] = spectrum.waves_m();
-    let ratio = (longest_m / shortest_m).powf(1.0 / WAVES as f64);
-    let mut waves = DMatrix::zeros(grid.x_m.len(), 2 * WAVES);
-    for (i, mut column) in waves.column_iter_mut().enumerate() {
-        let low = ratio.powi((i / 2) as i32) / longest_m;
-        let s = low * ratio.sqrt();
-        let amplitude = (spectrum.density(Quantity::Profile, s) * low * (ratio - 1.0)).sqrt();
-        let quarter = (i % 2) as f64 * TAU / 4.0;
-        for (value, x) in column.iter_mut().zip(&grid.x_m) {
-            *value = amplitude * (TAU * s * x - quarter).cos();
-        }
-        grid.without_line(column.as_mut_slice());
-    }
-    let projected = &grid.projection * waves;
-    Ok(&projected * projected.transpose())
-}
-
-/// The coefficients of the B-splines that come nearest to a track, m; of none without knots.
-pub fn fit(track: &dyn Track<f64>, knots: &Knots<f64>) -> Vec<f64> {
-    let Some(grid) = Grid::new(knots) else {
-        return vec![];
-    };
-    let mut values = DVector::from_iterator(
-        grid.x_m.len(),
-        grid.x_m.iter().map(|&x| track.at(Motion::Vertical, x).value),
+/// Coefficients of the profile nearest to a track, m: least squares at close points.
+pub fn fit(track: &impl Track<f64>, knots: &Knots<f64>) -> Vec<f64> {
+    let points = points(knots);
+    let heights = DVector::from_iterator(
+        points.len(),
+        points.iter().map(|&x| track.at(Motion::Vertical, x).value),
     );
-    grid.without_line(values.as_mut_slice());
-    (&grid.projection * values).as_slice().to_vec()
+    let first = heights.iter().copied().next().unwrap_or(0.0);
+    (fitting(knots, &points) * heights.add_scalar(-first))
+        .as_slice()
+        .to_vec()
+}
+
+/// Covariance of a profile's coefficients on a track of this spectrum, m².
+pub fn covariance(spectrum: Spectrum, knots: &Knots<f64>) -> DMatrix<f64> {
+    let points = points(knots);
+    let [shortest, longest] = spectrum.waves_m();
+    let (low, high) = (longest.recip().ln(), shortest.recip().ln());
+    let width = (high - low) / WAVES as f64;
+    let waves: Vec<[f64; 2]> = (0..WAVES)
+        .map(|i| {
+            let s = (low + (i as f64 + 0.5) * width).exp();
+            [s, spectrum.density(Quantity::Profile, s) * s * width]
+        })
+        .collect();
+    let rho: Vec<f64> = (0..points.len())
+        .map(|lag| {
+            let distance = POINT_M * lag as f64;
+            waves
+                .iter()
+                .map(|[s, power]| power * (std::f64::consts::TAU * s * distance).cos())
+                .sum()
+        })
+        .collect();
+    let at_points = DMatrix::from_fn(points.len(), points.len(), |i, j| {
+        rho[i.abs_diff(j)] - rho[i] - rho[j] + rho[0]
+    });
+    let fitting = fitting(knots, &points);
+    let mut covariance = &fitting * at_points * fitting.transpose();
+    let ridge = RIDGE * covariance.diagonal().max();
+    for k in 0..knots.coefficients() {
+        covariance[(k, k)] += ridge;
+    }
+    covariance
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::{Stretch, generate};
     use super::*;
-    use spanwatch::track::profile;
 
+    /// Those of the shipped girder.
     fn knots() -> Knots<f64> {
-        let stretch = |from_m, spacing_m, spans| profile::Stretch {
-            from_m,
-            spacing_m,
-            spans,
-        };
-        Knots::new(&[stretch(-145.0, 3.0, 45), stretch(-10.0, 0.8, 78)]).expect("knots")
+        crate::calibrate::knots(50.0).expect("knots")
     }
 
     #[test]
     fn a_profile_of_b_splines_is_fitted_by_its_own_coefficients() {
-        let coefficients: Vec<f64> = (0..120).map(|k| 1e-3 * f64::from(k * k % 17)).collect();
+        let count = knots().coefficients();
+        let coefficients: Vec<f64> = (0..count).map(|k| 1e-3 * (k * k % 17) as f64).collect();
         let fitted = fit(&Profile::new(knots(), &coefficients), &knots());
         let worst = (fitted.iter().zip(&coefficients)).fold(0.0_f64, |worst, (a, b)| worst.max((a - b).abs()));
         assert!(worst < 1e-12, "{worst}");
@@ -129,10 +113,17 @@ mod tests {
 
     #[test]
     fn tracks_of_a_spectrum_are_as_likely_as_its_covariance_says() {
+        // Spans of half the shortest wave: with shorter ones some combinations of B-splines are in no wave.
+        let stretch = |from_m, spacing_m, spans| spanwatch::track::profile::Stretch {
+            from_m,
+            spacing_m,
+            spans,
+        };
+        let knots = Knots::new(&[stretch(-145.0, 3.0, 45), stretch(-10.0, 0.8, 78)]).expect("knots");
         /// The sum of squares of 120 standard normal numbers, over 120, averaged over 20 tracks: 0.03 standard deviation.
         const TRACKS: u64 = 20;
         const TOLERANCE: f64 = 0.1;
-        let covariance = covariance(Spectrum::Fra6, &knots()).expect("knots");
+        let covariance = covariance(Spectrum::Fra6, &knots);
         let factor = covariance.cholesky().expect("positive definite");
         let stretch = Stretch {
             from_m: -250.0,
@@ -144,8 +135,8 @@ mod tests {
         let mean = (1..=TRACKS)
             .map(|seed| {
                 let track = generate(Spectrum::Fra6, seed, &stretch).expect("a track");
-                let fitted = DVector::from(fit(&track, &knots()));
-                fitted.dot(&factor.solve(&fitted)) / 120.0
+                let fitted = DVector::from(fit(&track, &knots));
+                fitted.dot(&factor.solve(&fitted)) / fitted.len() as f64
             })
             .sum::<f64>()
             / TRACKS as f64;

@@ -1,0 +1,227 @@
+//! One passage, linearised: what it says of everything that all passages share.
+//!
+//! ```text
+//! r = recorded - simulated = J_o o + J_s s + noise       o: the passage's own unknowns, s: the shared ones
+//! S = J_s^T W J_s - J_s^T W J_o (J_o^T W J_o + P)^-1 J_o^T W J_s        the information about s, whatever o is
+//! ```
+//!
+//! Shared are the elements' losses, stiffness and damping of the whole bridge, and the coefficients of the profile; its own are a
+//! passage's speed, entry time and load (with the ranges that it is told as priors), and the load of each car by itself, a few
+//! per cent to either side. The record answers to coefficients and to cars' loads in exact proportion.
+
+use anyhow::{Context, Result};
+use nalgebra::{DMatrix, DVector};
+use spanwatch::bridge::ReducedBridge;
+use spanwatch::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
+use spanwatch::identify::objective::Squares;
+use spanwatch::interaction::sensitivity::{ENTRY, LOAD, Response, SPEED, STIFFNESS, Surrounding};
+use spanwatch::interaction::{Hypothesis, Run, Sensitivities, Simulation};
+use spanwatch::slot::Slot;
+use spanwatch::track::profile::{Knots, Profile};
+
+use crate::identification::Observed;
+
+/// Place of the stiffness among the shared unknowns: the logarithm of it.
+pub const SHARED_STIFFNESS: usize = ELEMENTS;
+/// Place of the damping: the logarithm of it.
+pub const SHARED_DAMPING: usize = ELEMENTS + 1;
+/// Place of the first coefficient of the profile, m.
+pub const COEFFICIENTS: usize = ELEMENTS + 2;
+/// Speed, entry time, load.
+const OWN: [usize; 3] = [SPEED, ENTRY, LOAD];
+/// Part of the damping by which it is changed for its derivative.
+const DAMPING_STEP: f32 = 0.02;
+
+/// What all passages share.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shared {
+    /// Fraction of stiffness lost by each element.
+    pub damage: [f64; ELEMENTS],
+    /// Stiffness of the whole bridge, as a part of its model's.
+    pub stiffness: f64,
+    /// Damping, as a part of its model's.
+    pub damping: f64,
+    /// Coefficients of the profile, m.
+    pub coefficients: Vec<f64>,
+}
+
+impl Shared {
+    /// A healthy bridge as its model has it, on a smooth track.
+    pub fn as_modelled(knots: &Knots<f64>) -> Self {
+        Self {
+            damage: [0.0; ELEMENTS],
+            stiffness: 1.0,
+            damping: 1.0,
+            coefficients: vec![0.0; knots.coefficients()],
+        }
+    }
+
+    /// Moves by a step of the shared unknowns.
+    pub fn step(&mut self, step: &DVector<f64>) {
+        for (loss, by) in self.damage.iter_mut().zip(step.iter()) {
+            *loss += by;
+        }
+        self.stiffness *= step[SHARED_STIFFNESS].exp();
+        self.damping *= step[SHARED_DAMPING].exp();
+        for (coefficient, by) in self.coefficients.iter_mut().zip(step.iter().skip(COEFFICIENTS)) {
+            *coefficient += by;
+        }
+    }
+
+    /// The profile.
+    pub fn profile(&self, knots: &Knots<f32>) -> Profile<f32> {
+        let coefficients: Vec<f32> = self.coefficients.iter().map(|&c| c as f32).collect();
+        Profile::new(knots.clone(), &coefficients)
+    }
+
+    /// `bridge` with the damping.
+    pub fn damped(&self, bridge: &ReducedBridge<f32>) -> ReducedBridge<f32> {
+        let mut bridge = bridge.clone();
+        bridge.rayleigh = bridge.rayleigh.map(|coefficient| coefficient * self.damping as f32);
+        bridge
+    }
+}
+
+/// What a passage says of the shared unknowns near a point.
+#[derive(Debug, Clone)]
+pub struct Linear {
+    /// Information about them, its own unknowns eliminated.
+    pub information: DMatrix<f64>,
+    /// Gradient of the logarithm of the likelihood.
+    pub gradient: DVector<f64>,
+    /// How its own unknowns follow: `own = own_at_rest - own_by_shared step`.
+    own_at_rest: DVector<f64>,
+    own_by_shared: DMatrix<f64>,
+    /// Of the residuals.
+    pub residuals: Squares,
+    /// Of the recording.
+    pub power: Squares,
+}
+
+impl Linear {
+    /// Linearises a passage at a run and what is shared; `car_load` is the standard deviation of a car's load, as a part of it.
+    ///
+    /// # Errors
+    /// If the passage cannot be simulated.
+    pub fn of(observed: &Observed, run: &Run<f32>, shared: &Shared, knots: &Knots<f32>, car_load: f64) -> Result<Self> {
+        let bridge = shared.damped(&observed.bridge);
+        let track = shared.profile(knots);
+        let hypothesis = Hypothesis {
+            damage: shared.damage.map(|loss| loss as f32),
+            stiffness: shared.stiffness as f32,
+            run: *run,
+        };
+        let problem = observed.problem();
+        let observation = problem.observation;
+        let (channels, cars) = (problem.channels(), observation.cars.train().cars.len());
+        let mut free = [true; UNKNOWNS];
+        let ranges = [
+            observation.ranges.speed,
+            observation.ranges.entry_s,
+            observation.ranges.load,
+        ];
+        for (unknown, range) in OWN.into_iter().zip(ranges) {
+            free[unknown] = range > 0.0;
+        }
+        let mut responses: Vec<Response<f32, MODES>> = (0..cars)
+            .map(|car| Response::to(Surrounding::Load(car)))
+            .chain((0..knots.coefficients()).filter_map(|k| {
+                let support = knots.support(k)?;
+                let bspline = Profile::bspline(knots.clone(), k);
+                Some(Response::to(Surrounding::Track { bspline, support }))
+            }))
+            .collect();
+        let mut sensitivities = Box::new(Sensitivities::<f32, MODES>::NONE);
+        let mut place = Slot::Empty;
+        sensitivities.begin(&bridge, &hypothesis, observation, &track, &free, &mut place)?;
+        let simulation = place.as_mut().context("a simulation that has begun")?;
+        let mut damped = bridge.clone();
+        damped.rayleigh = damped.rayleigh.map(|coefficient| coefficient * (1.0 + DAMPING_STEP));
+        let mut more = Simulation::<f32, MODES>::new(&damped, &hypothesis, observation, &track)?;
+
+        let own = OWN.len() + cars;
+        let all = own + COEFFICIENTS + knots.coefficients();
+        let rows = problem.recorded().len();
+        let mut jacobian = DMatrix::<f64>::zeros(all, rows * channels);
+        let mut residual = DVector::<f64>::zeros(rows * channels);
+        let (mut residuals, mut power) = (Squares::NONE, Squares::NONE);
+        for (row, recorded) in problem.recorded().enumerate() {
+            let (sample, by) = sensitivities.sample_with(simulation, observation, &track, &mut responses);
+            let damped: [f32; CHANNELS] = more.sample(observation, &track);
+            power.add(recorded.iter().copied());
+            residuals.add(recorded.iter().zip(&sample).map(|(recorded, sample)| recorded - sample));
+            for (c, recorded) in recorded.iter().enumerate() {
+                if recorded.is_nan() {
+                    continue;
+                }
+                let mut column = jacobian.column_mut(row * channels + c);
+                let own_values = OWN.map(|unknown| by[c][unknown]);
+                let shared_values = by[c].iter().take(ELEMENTS + 1).copied();
+                let damping = (damped[c] - sample[c]) / DAMPING_STEP;
+                let values = own_values
+                    .into_iter()
+                    .chain(responses.iter().take(cars).map(|response| response.sample[c]))
+                    .chain(shared_values)
+                    .chain([damping])
+                    .chain(responses.iter().skip(cars).map(|response| response.sample[c]));
+                for (to, value) in column.iter_mut().zip(values) {
+                    *to = value.into();
+                }
+                residual[row * channels + c] = (recorded - sample[c]).into();
+            }
+        }
+        let weights = residuals.weights(&power).map(f64::from);
+        let mut weighted = jacobian.clone();
+        for (i, mut column) in weighted.column_iter_mut().enumerate() {
+            column *= weights[i % channels];
+        }
+        let matrix = &weighted * jacobian.transpose();
+        let vector = weighted * residual;
+
+        let mut own_matrix = matrix.view((0, 0), (own, own)).into_owned();
+        let mut own_vector = vector.rows(0, own).into_owned();
+        let expected = &observation.run;
+        let offsets = [
+            run.speed_mps / expected.speed_mps - 1.0,
+            run.entry_time_s - expected.entry_time_s,
+            run.load_factor / expected.load_factor - 1.0,
+        ];
+        for (i, (range, offset)) in ranges.into_iter().zip(offsets).enumerate() {
+            // What is held has no derivative; its prior keeps the matrix regular.
+            let prior = if range > 0.0 { f64::from(range).powi(-2) } else { 1.0 };
+            own_matrix[(i, i)] += prior;
+            own_vector[i] -= prior * f64::from(offset);
+        }
+        for i in OWN.len()..own {
+            own_matrix[(i, i)] += car_load.powi(-2);
+        }
+        let shared_count = all - own;
+        let across = matrix.view((0, own), (own, shared_count)).into_owned();
+        let factor = own_matrix
+            .cholesky()
+            .context("a passage that says nothing of its own run")?;
+        let (own_by_shared, own_at_rest) = (factor.solve(&across), factor.solve(&own_vector));
+        Ok(Self {
+            information: matrix.view((own, own), (shared_count, shared_count)) - across.transpose() * &own_by_shared,
+            gradient: vector.rows(own, shared_count) - across.transpose() * &own_at_rest,
+            own_at_rest,
+            own_by_shared,
+            residuals,
+            power,
+        })
+    }
+
+    /// The run after a step of the shared unknowns.
+    pub fn run(&self, run: &Run<f32>, step: &DVector<f64>) -> Run<f32> {
+        let own = &self.own_at_rest - &self.own_by_shared * step;
+        Run {
+            speed_mps: run.speed_mps * own[0].exp() as f32,
+            entry_time_s: run.entry_time_s + own[1] as f32,
+            load_factor: run.load_factor * own[2].exp() as f32,
+            ..*run
+        }
+    }
+}
+
+// The stiffness of the logger's unknowns follows the elements' losses, as it does here.
+const _: () = assert!(STIFFNESS == SHARED_STIFFNESS);

@@ -1,0 +1,574 @@
+//! Learning the track from healthy passages, and the bridge under it: what damage is measured against afterwards.
+//!
+//! ```text
+//! minimise  sum_p |r_p|^2_W + sum_p own_p^T P own_p + c^T C^-1 c / level + priors        over shared and own unknowns (linear.rs)
+//! level <- (c^T C^-1 c + tr(C^-1 Cov(c))) / n                                            the prior's own level, by expectation
+//! ```
+//!
+//! `C` is the covariance that a standard spectrum gives the profile's coefficients; how rough this track is beside that is
+//! estimated along with it. A Gauss-Newton step is one linearisation of each passage and one solution for what they share.
+//!
+//! **Where the runs begin.** Each passage is first identified as if the track were smooth. The damage that this finds is nonsense, the
+//! run is not: it fits the passage to a fraction of a period, which is all that is asked of it.
+//!
+//! **What is left out.** A passage that is explained far worse than the rest is none of the same train, track or sensors. It is
+//! left out, with the reason, and the others are solved again.
+//!
+//! **The reference.** Each later passage is explained with the profile as it was learnt, and what is wrong with that is wrong in all of
+//! them. With `A` the information of all passages of a kind of train, losses `d` and what else is shared `s`,
+//!
+//! ```text
+//! G = A_dd^-1 A_ds            what an error of the shared unknowns does to the losses
+//! B = G (Cov(s) + drift C) G^T        summed over the kinds of train: no mixture of them has more
+//! ```
+//!
+//! is the variance that no number of passages averages away; its inverse goes to the logger. `drift C` is the largest change of
+//! the track that the logger's test of the track cannot see.
+
+mod linear;
+
+use anyhow::{Result, bail};
+use nalgebra::{DMatrix, DVector, SMatrix};
+use spanwatch::capacity::{CHANNELS, ELEMENTS};
+use spanwatch::identify::Identification;
+use spanwatch::interaction::Run;
+use spanwatch::track::learnt::{LearntTrack, Unexplained, speed_band};
+use spanwatch::track::profile::{Knots, Stretch};
+use spanwatch::wire::message::TrainKind;
+
+use crate::batch::each;
+use crate::identification::Observed;
+use crate::track::Spectrum;
+use crate::track::prior::covariance;
+use linear::{COEFFICIENTS, Linear, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
+
+/// Standard deviation of a car's load, as a part of it: passengers.
+const CAR_LOAD: f64 = 0.02;
+/// Standard deviations, beforehand, of the logarithms of stiffness and damping: a model may be off by a tenth, and of the damping only
+/// its size is known.
+const STIFFNESS_PRIOR: f64 = 0.1;
+const DAMPING_PRIOR: f64 = 0.7;
+/// That of an element's loss, where the bridge need not be healthy.
+const DAMAGE_PRIOR: f64 = 0.3;
+/// Gauss-Newton steps at most; ...
+const MOST_STEPS: usize = 12;
+/// ... they end when the mean square that is left changes by less than this part.
+const SETTLED: f64 = 2e-3;
+/// A passage is left out if what it leaves unexplained is so many robust deviations above the others' median.
+const OUTLYING: f64 = 6.0;
+/// The robust deviation is at least this: a passage a fifth worse than the rest is none the worse for it.
+const LEAST_SCATTER: f64 = 0.05;
+/// Fewest passages that can be called a reference.
+const FEWEST: usize = 5;
+/// Part of its samples that a passage may lack.
+const BAD_SAMPLES: f32 = 0.05;
+/// Approach over which a car is brought into its swing, m: 2 s at 250 km/h.
+const APPROACH_M: f64 = 140.0;
+/// Span of the spline there, m. A car's springs pass nothing on of the waves that are too short for it.
+const COARSE_M: f64 = 4.0;
+/// Span on the bridge, m, if there is memory for it: a third of the shortest wave of the standard spectra. With 0.8 m, half of that wave, the
+/// curvature under the wheels is so wrong that 0.05 to 0.2 % of the power stays unexplained (sixteen 15-DOF cars, class 6, 210 to 260 km/h) and
+/// elements seem off by 5 to 15 points; with 0.5 m it is 0.003 %, and a point.
+const FINE_M: f64 = 0.5;
+/// The fine spans reach so far beyond either end of the bridge, m: before it, behind it.
+const BEYOND_M: [f64; 2] = [3.0, 1.0];
+/// Spans behind the bridge, as long as a car together, and the length of one, m.
+const BEHIND: u16 = 8;
+const BEHIND_M: f64 = 3.0;
+/// Fine spans: all that the logger has memory for beside the others.
+const FINE_SPANS: u16 = 108;
+
+/// The knots of a profile for a bridge of this length.
+pub fn knots(length_m: f64) -> Option<Knots<f64>> {
+    let fine_m = length_m + BEYOND_M[0] + BEYOND_M[1];
+    let spans = ((fine_m / FINE_M).ceil() as u16).min(FINE_SPANS);
+    let coarse = ((APPROACH_M - BEYOND_M[0]) / COARSE_M).round() as u16;
+    let stretch = |from_m, spacing_m, spans| Stretch {
+        from_m,
+        spacing_m,
+        spans,
+    };
+    Knots::new(&[
+        stretch(-BEYOND_M[0] - f64::from(coarse) * COARSE_M, COARSE_M, coarse),
+        stretch(-BEYOND_M[0], fine_m / f64::from(spans), spans),
+        stretch(length_m + BEYOND_M[1], BEHIND_M, BEHIND),
+    ])
+}
+
+/// A passage to learn from.
+#[derive(Debug, Clone)]
+pub struct Passage {
+    /// What to call it.
+    pub name: String,
+    /// Which train.
+    pub train: TrainKind,
+    /// The passage.
+    pub observed: Observed,
+}
+
+/// How to learn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// The bridge is as healthy as it is taken to be: its elements' losses are held at nothing. Else they are unknowns, too.
+    pub healthy: bool,
+    /// Seed of the searches.
+    pub seed: u64,
+}
+
+/// What was learnt.
+#[derive(Debug, Clone)]
+pub struct Calibration {
+    /// For the logger.
+    pub learnt: LearntTrack,
+    /// Coefficients of the profile, m, and their knots.
+    pub coefficients: Vec<f64>,
+    /// The knots.
+    pub knots: Knots<f64>,
+    /// Covariance of the coefficients, m².
+    pub covariance: DMatrix<f64>,
+    /// Level of the prior, as a part of FRA class 6's spectrum.
+    pub level: f64,
+    /// The elements' losses with their deviations, if they were unknowns.
+    pub damage: [[f64; 2]; ELEMENTS],
+    /// Standard deviations of stiffness and damping, as parts of them.
+    pub bridge_std: [f64; 2],
+    /// Standard deviation of each element's loss that no number of later passages goes below.
+    pub floor: [f64; ELEMENTS],
+    /// Of each passage, in the order in which they were given.
+    pub passages: Vec<Outcome>,
+    /// Gauss-Newton steps that it took.
+    pub steps: usize,
+}
+
+/// What became of a passage.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// It was learnt from.
+    Used {
+        /// Its run.
+        run: Run<f32>,
+        /// Part of its power that was not explained on a smooth track, and that is not explained on the learnt one.
+        unexplained: [f32; 2],
+    },
+    /// It was not, and why.
+    LeftOut(String),
+}
+
+/// What is known of a passage while it is learnt from.
+struct Candidate<'a> {
+    passage: &'a Passage,
+    run: Run<f32>,
+    smooth: f32,
+}
+
+/// Learns from `passages` of a bridge; `progress` hears how many of how many turns of the work are done.
+///
+/// # Errors
+/// If too few passages are of any use, or they say nothing.
+pub fn calibrate(
+    passages: &[Passage],
+    options: &Options,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Calibration> {
+    let Some(first) = passages.first() else {
+        bail!("there is no passage to learn from");
+    };
+    let length_m = f64::from(first.observed.bridge.path.length_m());
+    let Some(knots) = knots(length_m) else {
+        bail!("a bridge of {length_m} m has no place in a profile of this size");
+    };
+    let turns = MOST_STEPS + 2;
+    progress(0, turns);
+    let mut outcomes: Vec<Outcome> = vec![Outcome::LeftOut(String::new()); passages.len()];
+    let found = each(passages, |passage| passage.observed.identify(options.seed));
+    let mut candidates: Vec<(usize, Candidate<'_>)> = Vec::new();
+    for (i, (passage, found)) in passages.iter().zip(found).enumerate() {
+        match begin(passage, found) {
+            Ok(candidate) => candidates.push((i, candidate)),
+            Err(reason) => outcomes[i] = Outcome::LeftOut(reason),
+        }
+    }
+    progress(1, turns);
+
+    let mut joint = Joint::new(&knots, options)?;
+    let mut solved = joint.solve(&mut candidates, &|done| progress(1 + done, turns))?;
+    let outlying = outlying(&solved.unexplained);
+    if !outlying.is_empty() {
+        for &c in outlying.iter().rev() {
+            let (i, _) = candidates.remove(c);
+            outcomes[i] = Outcome::LeftOut(format!(
+                "{:.1} % of its power is unexplained, of the others' {:.1} %: another train, a wrong speed, or a sensor at fault",
+                100.0 * solved.unexplained[c],
+                100.0 * median(&solved.unexplained)
+            ));
+        }
+        solved = joint.solve(&mut candidates, &|done| progress(1 + done, turns))?;
+    }
+    progress(turns - 1, turns);
+
+    let learnt = joint.learnt(&candidates, &solved, options)?;
+    for (i, candidate) in &candidates {
+        outcomes[*i] = Outcome::Used {
+            run: candidate.run,
+            unexplained: [candidate.smooth, 0.0],
+        };
+    }
+    for ((i, _), unexplained) in candidates.iter().zip(&learnt.1) {
+        if let Outcome::Used { unexplained: both, .. } = &mut outcomes[*i] {
+            both[1] = *unexplained;
+        }
+    }
+    progress(turns, turns);
+    let (learnt, _, floor) = learnt;
+    let deviation = |place: usize| solved.covariance[(place, place)].max(0.0).sqrt();
+    let shared = &joint.shared;
+    Ok(Calibration {
+        learnt,
+        coefficients: shared.coefficients.clone(),
+        covariance: solved
+            .covariance
+            .view(
+                (COEFFICIENTS, COEFFICIENTS),
+                (knots.coefficients(), knots.coefficients()),
+            )
+            .into_owned(),
+        level: joint.level,
+        damage: std::array::from_fn(|e| [shared.damage[e], if options.healthy { 0.0 } else { deviation(e) }]),
+        bridge_std: [deviation(SHARED_STIFFNESS), deviation(SHARED_DAMPING)],
+        floor,
+        passages: outcomes,
+        steps: solved.steps,
+        knots,
+    })
+}
+
+/// A passage whose run is roughly known; why it is of no use, if it is of none.
+fn begin(passage: &Passage, found: Result<Identification>) -> Result<Candidate<'_>, String> {
+    let samples = &passage.observed.samples;
+    let missing = samples.iter().filter(|value| value.is_nan()).count();
+    if missing as f32 > BAD_SAMPLES * samples.len() as f32 {
+        return Err(format!(
+            "{:.0} % of its samples are missing or saturated",
+            100.0 * missing as f32 / samples.len() as f32
+        ));
+    }
+    let found = found.map_err(|error| format!("it cannot be simulated: {error:#}"))?;
+    Ok(Candidate {
+        passage,
+        run: found.run,
+        smooth: found.unexplained,
+    })
+}
+
+/// The joint solution.
+struct Joint {
+    knots: Knots<f32>,
+    /// Inverse of the prior covariance of the coefficients at level 1.
+    precision: DMatrix<f64>,
+    prior: DMatrix<f64>,
+    level: f64,
+    healthy: bool,
+    shared: Shared,
+}
+
+/// What a solution leaves.
+struct Solved {
+    covariance: DMatrix<f64>,
+    passages: Vec<Linear>,
+    unexplained: Vec<f64>,
+    steps: usize,
+}
+
+impl Joint {
+    fn new(knots: &Knots<f64>, options: &Options) -> Result<Self> {
+        let prior = covariance(Spectrum::Fra6, knots);
+        let Some(factor) = prior.clone().cholesky() else {
+            bail!("the spectrum gives no covariance to this profile");
+        };
+        let stretches: Vec<Stretch<f32>> = (knots.stretches().iter())
+            .map(|stretch| Stretch {
+                from_m: stretch.from_m as f32,
+                spacing_m: stretch.spacing_m as f32,
+                spans: stretch.spans,
+            })
+            .collect();
+        let Some(rounded) = Knots::new(&stretches) else {
+            bail!("the profile's knots do not join");
+        };
+        Ok(Self {
+            knots: rounded,
+            precision: factor.inverse(),
+            prior,
+            level: 1.0,
+            healthy: options.healthy,
+            shared: Shared::as_modelled(knots),
+        })
+    }
+
+    /// Steps until what is left no longer changes.
+    fn solve(
+        &mut self,
+        candidates: &mut [(usize, Candidate<'_>)],
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Result<Solved> {
+        if candidates.len() < FEWEST {
+            bail!(
+                "only {} passages are of use; a track is learnt from {FEWEST} at least, better from sixty",
+                candidates.len()
+            );
+        }
+        let mut before = f64::INFINITY;
+        let mut steps = 0;
+        loop {
+            let passages = (each(&*candidates, |(_, candidate)| {
+                Linear::of(
+                    &candidate.passage.observed,
+                    &candidate.run,
+                    &self.shared,
+                    &self.knots,
+                    CAR_LOAD,
+                )
+            })
+            .into_iter())
+            .collect::<Result<Vec<_>>>()?;
+            let unexplained: Vec<f64> = (passages.iter())
+                .map(|passage| passage.residuals.unexplained(&passage.power).into())
+                .collect();
+            let left = unexplained.iter().map(|part| part.ln()).sum::<f64>() / unexplained.len() as f64;
+            let (step, covariance) = self.step(&passages)?;
+            if steps == MOST_STEPS || (before - left).abs() < SETTLED {
+                return Ok(Solved {
+                    covariance,
+                    passages,
+                    unexplained,
+                    steps,
+                });
+            }
+            before = left;
+            self.shared.step(&step);
+            for ((_, candidate), passage) in candidates.iter_mut().zip(&passages) {
+                candidate.run = passage.run(&candidate.run, &step);
+            }
+            let coefficients = DVector::from_row_slice(&self.shared.coefficients);
+            let n = coefficients.len();
+            let spread = covariance.view((COEFFICIENTS, COEFFICIENTS), (n, n)).into_owned();
+            let size = coefficients.dot(&(&self.precision * &coefficients)) + (&self.precision * spread).trace();
+            self.level = size / n as f64;
+            steps += 1;
+            progress(steps);
+        }
+    }
+
+    /// The step to the minimum of the linear model, and the covariance about it.
+    fn step(&self, passages: &[Linear]) -> Result<(DVector<f64>, DMatrix<f64>)> {
+        let n = COEFFICIENTS + self.shared.coefficients.len();
+        let (mut information, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        for passage in passages {
+            information += &passage.information;
+            gradient += &passage.gradient;
+        }
+        let mut prior = |place: usize, deviation: f64, value: f64| {
+            information[(place, place)] += deviation.powi(-2);
+            gradient[place] -= value * deviation.powi(-2);
+        };
+        for (e, &loss) in self.shared.damage.iter().enumerate() {
+            prior(e, DAMAGE_PRIOR, loss);
+        }
+        prior(SHARED_STIFFNESS, STIFFNESS_PRIOR, self.shared.stiffness.ln());
+        prior(SHARED_DAMPING, DAMPING_PRIOR, self.shared.damping.ln());
+        let precision = &self.precision / self.level;
+        let coefficients = DVector::from_row_slice(&self.shared.coefficients);
+        let pull = &precision * coefficients;
+        let mut block = information.view_mut((COEFFICIENTS, COEFFICIENTS), (n - COEFFICIENTS, n - COEFFICIENTS));
+        block += precision;
+        let mut tail = gradient.rows_mut(COEFFICIENTS, n - COEFFICIENTS);
+        tail -= pull;
+        if self.healthy {
+            for e in 0..ELEMENTS {
+                information.row_mut(e).fill(0.0);
+                information.column_mut(e).fill(0.0);
+                information[(e, e)] = 1.0;
+                gradient[e] = 0.0;
+            }
+        }
+        let Some(factor) = information.cholesky() else {
+            bail!("the passages contradict themselves; check trains, speeds and sensors");
+        };
+        let step = factor.solve(&gradient);
+        let mut covariance = factor.inverse();
+        if self.healthy {
+            for e in 0..ELEMENTS {
+                covariance[(e, e)] = 0.0;
+            }
+        }
+        Ok((step, covariance))
+    }
+
+    /// What the logger needs, what each passage leaves unexplained when it is monitored with that, and the floor of each element.
+    fn learnt(
+        &self,
+        candidates: &[(usize, Candidate<'_>)],
+        solved: &Solved,
+        options: &Options,
+    ) -> Result<(LearntTrack, Vec<f32>, [f64; ELEMENTS])> {
+        let mut learnt = LearntTrack {
+            profile: self.shared.profile(&self.knots),
+            stiffness: self.shared.stiffness as f32,
+            damping: self.shared.damping as f32,
+            reference: SMatrix::zeros(),
+            unexplained: [Unexplained::default(); CHANNELS],
+            scatter: 0.0,
+            passages: candidates.len() as u16,
+            speeds: [0; 2],
+        };
+        for (_, candidate) in candidates {
+            learnt.speeds[candidate.passage.train as usize] |= 1 << speed_band(candidate.run.speed_mps);
+        }
+        // As the logger will: each passage once more, with what was learnt.
+        let monitored = each(candidates, |(_, candidate)| {
+            let observed = candidate.passage.observed.with_track(&learnt);
+            let found = observed.identify(options.seed)?;
+            Ok((found, observed.mean_squares(&found)?))
+        })
+        .into_iter()
+        .collect::<Result<Vec<_>>>()?;
+        let channels = candidates[0].1.passage.observed.problem().channels();
+        for (c, unexplained) in learnt.unexplained.iter_mut().enumerate().take(channels) {
+            let pairs: Vec<[f64; 2]> = monitored.iter().map(|(_, squares)| squares[c].map(f64::from)).collect();
+            *unexplained = noise(&pairs);
+        }
+        let ratios: Vec<f64> = monitored.iter().map(|(_, squares)| ratio(&learnt, squares)).collect();
+        let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+        let variance = ratios.iter().map(|ratio| (ratio - mean).powi(2)).sum::<f64>() / (ratios.len() - 1) as f64;
+        learnt.scatter = variance.sqrt() as f32;
+        for unexplained in &mut learnt.unexplained {
+            unexplained.floor *= mean.exp() as f32;
+            unexplained.part *= mean.exp() as f32;
+        }
+        let floor = self.floor(candidates, solved, drift(&learnt))?;
+        let inverse = floor.try_inverse();
+        if let Some(inverse) = inverse {
+            learnt.reference = SMatrix::from_fn(|i, j| (0.5 * (inverse[(i, j)] + inverse[(j, i)])) as f32);
+        }
+        let deviations = std::array::from_fn(|e| floor[(e, e)].max(0.0).sqrt());
+        Ok((
+            learnt,
+            monitored.iter().map(|(found, _)| found.unexplained).collect(),
+            deviations,
+        ))
+    }
+
+    /// `B`: the covariance of the losses that what is left unknown of the shared unknowns makes. `drift` is the part by which the power
+    /// that is left may grow unseen.
+    fn floor(
+        &self,
+        candidates: &[(usize, Candidate<'_>)],
+        solved: &Solved,
+        drift: f64,
+    ) -> Result<SMatrix<f64, ELEMENTS, ELEMENTS>> {
+        let n = solved.covariance.nrows();
+        let s = n - ELEMENTS;
+        let unknown = solved.covariance.view((ELEMENTS, ELEMENTS), (s, s));
+        let mut floor = SMatrix::zeros();
+        for kind in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
+            let of_kind: Vec<&Linear> = (candidates.iter().zip(&solved.passages))
+                .filter(|((_, candidate), _)| candidate.passage.train == kind)
+                .map(|(_, passage)| passage)
+                .collect();
+            if of_kind.is_empty() {
+                continue;
+            }
+            let mut information = DMatrix::zeros(n, n);
+            let mut values = 0.0;
+            for passage in &of_kind {
+                information += &passage.information;
+                values += f64::from(passage.power.values());
+            }
+            let mut losses = information.view((0, 0), (ELEMENTS, ELEMENTS)).into_owned();
+            for e in 0..ELEMENTS {
+                losses[(e, e)] += DAMAGE_PRIOR.powi(-2);
+            }
+            let Some(factor) = losses.cholesky() else {
+                bail!("the passages say nothing of the elements");
+            };
+            let across = information.view((0, ELEMENTS), (ELEMENTS, s)).into_owned();
+            let gain = factor.solve(&across);
+            // The part of the power left that a change of the track by the prior at level 1 adds, losses and runs fitted to it.
+            let c = s - (COEFFICIENTS - ELEMENTS);
+            let profile = |matrix: &DMatrix<f64>| matrix.view((s - c, s - c), (c, c)).into_owned();
+            let seen = information.view((ELEMENTS, ELEMENTS), (s, s)) - across.transpose() * &gain;
+            let grows = (profile(&seen) * &self.prior).trace() / values;
+            let mut error = unknown.into_owned();
+            let mut block = error.view_mut((s - c, s - c), (c, c));
+            block += &self.prior * (drift / grows);
+            let bias = &gain * error * gain.transpose();
+            floor += SMatrix::<f64, ELEMENTS, ELEMENTS>::from_fn(|i, j| bias[(i, j)]);
+        }
+        Ok(floor)
+    }
+}
+
+/// The places of what is explained far worse than the rest.
+fn outlying(unexplained: &[f64]) -> Vec<usize> {
+    let logs: Vec<f64> = unexplained.iter().map(|part| part.ln()).collect();
+    let middle = median(&logs);
+    let distances: Vec<f64> = logs.iter().map(|log| (log - middle).abs()).collect();
+    // Of a Gaussian the median distance is 0.6745 deviations.
+    let scatter = (median(&distances) / 0.6745).max(LEAST_SCATTER);
+    (0..logs.len())
+        .filter(|&i| logs[i] - middle > OUTLYING * scatter)
+        .collect()
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    0.5 * (sorted[(n - 1) / 2] + sorted[n / 2])
+}
+
+/// The floor and the part of a channel's noise, by passages' mean squares and what was left of them: the line through them, by least squares
+/// of relative errors, neither below zero.
+fn noise(pairs: &[[f64; 2]]) -> Unexplained {
+    // left / left = 1 = floor / left + part power / left
+    let [mut ff, mut fp, mut pp, mut f1, mut p1] = [0.0; 5];
+    for [power, left] in pairs.iter().filter(|pair| pair[1] > 0.0) {
+        let (f, p) = (1.0 / left, power / left);
+        ff += f * f;
+        fp += f * p;
+        pp += p * p;
+        f1 += f;
+        p1 += p;
+    }
+    let determinant = ff * pp - fp * fp;
+    let (floor, part) = if determinant > 1e-9 * ff * pp {
+        ((f1 * pp - p1 * fp) / determinant, (p1 * ff - f1 * fp) / determinant)
+    } else {
+        (0.0, p1 / pp)
+    };
+    let (floor, part) = if floor < 0.0 {
+        (0.0, p1 / pp)
+    } else if part < 0.0 {
+        (f1 / ff, 0.0)
+    } else {
+        (floor, part)
+    };
+    Unexplained {
+        floor: floor as f32,
+        part: part as f32,
+    }
+}
+
+/// Mean over the channels of the logarithm of what is left over what is expected to be.
+pub fn ratio(learnt: &LearntTrack, squares: &[[f32; 2]; CHANNELS]) -> f64 {
+    let logs: Vec<f64> = (squares.iter().zip(&learnt.unexplained))
+        .filter(|([power, _], _)| *power > 0.0)
+        .map(|([power, left], expected)| f64::from(left / (expected.floor + expected.part * power)).ln())
+        .collect();
+    logs.iter().sum::<f64>() / logs.len() as f64
+}
+
+/// Part by which the power left may grow unseen.
+fn drift(learnt: &LearntTrack) -> f64 {
+    (6.5 * f64::from(learnt.scatter) / 39.0_f64.sqrt()).exp_m1()
+}
