@@ -4,13 +4,9 @@
 //! never sends more than the logger can hold; a request that comes again, because its answer was lost, does no harm.
 //! Passages and alerts follow on their own, numbered by the logger from 1.
 
-use heapless::Vec;
-
-use crate::capacity::MODEL_BLOB_BYTES;
-use crate::identify::evidence::EVIDENCE_BYTES;
-use crate::logger::Logger;
+use crate::logger::{Item, Logger};
 use crate::wire::frame::Refusal;
-use crate::wire::message::{Acknowledgement, Answer, CHUNK_BYTES, Chunk, Effort, Event, Outcome, Request, Status};
+use crate::wire::message::{Acknowledgement, Answer, Effort, Event, Outcome, Request, Status};
 use crate::wire::{Decoder, FrameBuffer, Kind};
 
 pub use crate::wire::message::{Health, Restart};
@@ -25,7 +21,7 @@ pub trait Board {
     fn health(&mut self) -> Health;
 }
 
-/// State of the logger and of its line. Large, 107 KiB: it belongs in static memory.
+/// State of the logger and of its line. Large, 103 KiB: it belongs in static memory.
 #[derive(Debug, Clone)]
 pub struct RemoteLogger {
     decoder: Decoder,
@@ -36,23 +32,11 @@ pub struct RemoteLogger {
 #[derive(Debug, Clone)]
 struct Desk {
     logger: Logger,
-    /// As much of a bridge model or an evidence as has come, or an evidence that is being sent.
-    blob: Vec<u8, MODEL_BLOB_BYTES>,
     out: FrameBuffer,
     /// Number of the last event.
     events: u32,
     frames: u32,
     effort: Effort,
-}
-
-/// What became of a piece.
-enum Taken {
-    /// There is more to come, or it had come already.
-    Part,
-    /// It was the last.
-    Whole,
-    /// Out of order, or too many bytes.
-    Refused,
 }
 
 impl Default for RemoteLogger {
@@ -68,7 +52,6 @@ impl RemoteLogger {
             decoder: Decoder::new(),
             desk: Desk {
                 logger: Logger::new(),
-                blob: Vec::new(),
                 out: FrameBuffer::new(),
                 events: 0,
                 frames: 0,
@@ -131,14 +114,8 @@ impl Desk {
                         Outcome::Done
                     })
             }
-            Request::Model(chunk) => match self.take_chunk(&chunk) {
-                Taken::Whole => self
-                    .logger
-                    .load(&self.blob)
-                    .map_or_else(Outcome::Model, |()| Outcome::Done),
-                Taken::Part => Outcome::Done,
-                Taken::Refused => Outcome::Chunk,
-            },
+            Request::Model(chunk) => self.logger.take_piece(Item::Model, &chunk),
+            Request::Track(chunk) => self.logger.take_piece(Item::Track, &chunk),
             Request::Samples(block) => {
                 let start = board.ticks();
                 let taken = self.logger.push(block.first_sample, &block.counts);
@@ -151,11 +128,7 @@ impl Desk {
                 Outcome::Done
             }
             Request::Evidence { offset } => return self.tell_evidence(offset, sequence, board),
-            Request::Restore(chunk) => match self.take_chunk(&chunk) {
-                Taken::Whole => (self.logger.restore(&self.blob)).map_or_else(Outcome::Evidence, |()| Outcome::Done),
-                Taken::Part => Outcome::Done,
-                Taken::Refused => Outcome::Chunk,
-            },
+            Request::Restore(chunk) => self.logger.take_piece(Item::Evidence, &chunk),
             Request::Status => {
                 let answer = Answer::Status(self.status(rejected, board));
                 return self.send(Kind::Answer, sequence, &answer, board);
@@ -168,50 +141,15 @@ impl Desk {
     }
 
     // Not inlined: a piece that no other request needs.
-    /// Tells a piece of the evidence; all pieces are of the state that was at the first.
     #[inline(never)]
     fn tell_evidence(&mut self, offset: u32, sequence: u32, board: &mut impl Board) {
-        if offset == 0 {
-            self.blob.clear();
-            // There is room for the whole of it.
-            let _ = self.blob.resize_default(EVIDENCE_BYTES);
-            let used = self.logger.evidence(&mut self.blob).len();
-            self.blob.truncate(used);
-        }
-        let rest = self.blob.get(offset as usize..).unwrap_or_default();
-        let chunk = Chunk {
-            offset,
-            total: self.blob.len() as u32,
-            bytes: rest.iter().take(CHUNK_BYTES).copied().collect(),
-        };
+        let chunk = self.logger.give_evidence(offset);
         self.send(Kind::Answer, sequence, &Answer::Evidence(chunk), board);
-    }
-
-    /// Adds a piece to the blob.
-    fn take_chunk(&mut self, chunk: &Chunk) -> Taken {
-        let (offset, total) = (chunk.offset as usize, chunk.total as usize);
-        let end = offset.saturating_add(chunk.bytes.len());
-        if offset == 0 {
-            self.blob.clear();
-        } else if end == self.blob.len() {
-            // The last piece once more.
-            return Taken::Part;
-        }
-        if offset != self.blob.len() || total > MODEL_BLOB_BYTES || end > total {
-            return Taken::Refused;
-        }
-        if self.blob.extend_from_slice(&chunk.bytes).is_err() {
-            return Taken::Refused;
-        }
-        if self.blob.len() < total {
-            Taken::Part
-        } else {
-            Taken::Whole
-        }
     }
 
     fn status(&self, rejected: u32, board: &mut impl Board) -> Status {
         Status {
+            track: self.logger.track_state(),
             samples: self.logger.samples(),
             passages: self.logger.passages(),
             alerts: self.logger.alerts(),

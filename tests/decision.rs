@@ -203,7 +203,7 @@ fn a_model_that_comes_during_an_identification_does_not_block_the_next_passage()
     let Some(Event::Passage(first)) = logger.next_event() else {
         panic!("the passage that was dropped")
     };
-    assert_eq!(first.verdict, Verdict::NotIdentified(Reason::NoModel));
+    assert_eq!(first.verdict, Verdict::NotIdentified(Reason::Interrupted));
     // The same samples again, later in the stream: another train than the one announced, but not a busy logger.
     logger.push(100_000, &counts).expect("whole rows");
     logger.finish();

@@ -3,7 +3,7 @@
 
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use spanwatch::capacity::{CHANNELS, ELEMENTS};
+use spanwatch::capacity::{CHANNELS, ELEMENTS, PAYLOAD_BYTES};
 use spanwatch::identify::evidence::Change;
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
@@ -201,6 +201,44 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
         });
     }
     assert_eq!(decoder.rejections().total(), 0);
+}
+
+/// COBS as its paper defines it, out of place: of the bytes and a zero after them, what lies before each zero behind its count, and what is
+/// longer than 254 in blocks that stand for no zero.
+fn stuffed(bare: &[u8]) -> Vec<u8> {
+    let mut line = vec![0];
+    let mut parts = bare.split(|&byte| byte == 0).peekable();
+    while let Some(mut rest) = parts.next() {
+        let zero_follows = parts.peek().is_some();
+        while rest.len() > 254 || (rest.len() == 254 && zero_follows) {
+            line.push(255);
+            line.extend_from_slice(&rest[..254]);
+            rest = &rest[254..];
+        }
+        line.push(rest.len() as u8 + 1);
+        line.extend_from_slice(rest);
+    }
+    line.push(0);
+    line
+}
+
+#[test]
+fn a_frame_that_is_stuffed_in_its_place_is_the_same_as_beside_it_at_every_length() {
+    // Two bytes of a payload are the slice's length.
+    for length in 0..=PAYLOAD_BYTES - 2 {
+        for zero_every in [1, 2, 100, 253, 254, 255, 256, usize::MAX] {
+            let message: Vec<u8> = (1..=length).map(|k| u8::from(k % zero_every != 0)).collect();
+            let line = bytes_of(Kind::Event, 0x0101_0101, &message.as_slice());
+            let mut room = [0; PAYLOAD_BYTES];
+            let payload = postcard::to_slice(&message, &mut room).expect("room");
+            let mut bare = vec![spanwatch::wire::message::VERSION, Kind::Event as u8, 1, 1, 1, 1];
+            bare.extend_from_slice(&(payload.len() as u16).to_le_bytes());
+            bare.extend_from_slice(payload);
+            bare.extend_from_slice(&CRC32C.checksum(&bare).to_le_bytes());
+            assert_eq!(line, stuffed(&bare), "{length} bytes, a zero every {zero_every}");
+            assert!(line.len() <= FRAME_BYTES);
+        }
+    }
 }
 
 #[test]

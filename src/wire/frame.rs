@@ -23,7 +23,9 @@ const CRC_BYTES: usize = 4;
 /// Bytes of a frame before it is stuffed.
 const BARE_BYTES: usize = HEADER_BYTES + PAYLOAD_BYTES + CRC_BYTES;
 /// Most bytes that a frame can have on the line, both zeros included.
-pub const FRAME_BYTES: usize = BARE_BYTES + BARE_BYTES / 254 + 1 + 2;
+pub const FRAME_BYTES: usize = BARE_BYTES + STUFFING_BYTES;
+/// What stuffing adds, and the two zeros.
+const STUFFING_BYTES: usize = BARE_BYTES / 254 + 1 + 2;
 
 /// Whose words a frame carries, and so what its sequence number counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,11 +51,10 @@ impl Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooLong;
 
-/// Room in which a frame is written.
+/// Room in which a frame is written: at first bare, as far back as stuffing will move it forward, then stuffed in its place.
 #[derive(Debug, Clone)]
 pub struct FrameBuffer {
-    bare: [u8; BARE_BYTES],
-    stuffed: [u8; FRAME_BYTES],
+    bytes: [u8; FRAME_BYTES],
 }
 
 impl Default for FrameBuffer {
@@ -66,49 +67,50 @@ impl FrameBuffer {
     /// Empty.
     pub const fn new() -> Self {
         Self {
-            bare: [0; BARE_BYTES],
-            stuffed: [0; FRAME_BYTES],
+            bytes: [0; FRAME_BYTES],
         }
     }
 
     /// Writes the frame of a message; gives the bytes for the line.
     pub fn write(&mut self, kind: Kind, sequence: u32, message: &impl Serialize) -> Result<&[u8], TooLong> {
-        let (header, rest) = self.bare.split_first_chunk_mut::<HEADER_BYTES>().ok_or(TooLong)?;
+        let bare = self.bytes.get_mut(STUFFING_BYTES..).ok_or(TooLong)?;
+        let (header, rest) = bare.split_first_chunk_mut::<HEADER_BYTES>().ok_or(TooLong)?;
         let room = rest.get_mut(..PAYLOAD_BYTES).ok_or(TooLong)?;
         let length = postcard::to_slice(message, room).map_err(|_| TooLong)?.len();
         let [s0, s1, s2, s3] = sequence.to_le_bytes();
         let [l0, l1] = (length as u16).to_le_bytes();
         *header = [VERSION, kind as u8, s0, s1, s2, s3, l0, l1];
         let end = HEADER_BYTES + length;
-        let crc = CRC32C.checksum(self.bare.get(..end).ok_or(TooLong)?);
-        let slot = self.bare.get_mut(end..end + CRC_BYTES).ok_or(TooLong)?;
+        let crc = CRC32C.checksum(bare.get(..end).ok_or(TooLong)?);
+        let slot = bare.get_mut(end..end + CRC_BYTES).ok_or(TooLong)?;
         slot.copy_from_slice(&crc.to_le_bytes());
-        let bare = self.bare.get(..end + CRC_BYTES).ok_or(TooLong)?;
-        let bytes = stuff(bare, &mut self.stuffed).ok_or(TooLong)?;
-        self.stuffed.get(..bytes).ok_or(TooLong)
+        let bytes = stuff(&mut self.bytes, end + CRC_BYTES).ok_or(TooLong)?;
+        self.bytes.get(..bytes).ok_or(TooLong)
     }
 }
 
-/// COBS between two zeros; gives the bytes written, or none if there is no room.
-fn stuff(bare: &[u8], out: &mut [u8]) -> Option<usize> {
-    *out.first_mut()? = 0;
-    let mut end = 1;
-    let mut rest = bare;
+/// COBS between two zeros, of `length` bytes behind the first [`STUFFING_BYTES`]; gives the bytes written from the start, or none if there
+/// is no room. A byte is never written before the one that lay there was read: each moves forward, by one less after each full block.
+fn stuff(buffer: &mut [u8], length: usize) -> Option<usize> {
+    *buffer.first_mut()? = 0;
     // Each block: a count, then so many bytes without a zero; a count below 255 stands for a zero after them as well.
-    loop {
-        let run = rest.iter().take(254).position(|&byte| byte == 0);
-        let block = run.unwrap_or(rest.len().min(254));
-        *out.get_mut(end)? = block as u8 + 1;
-        out.get_mut(end + 1..end + 1 + block)?
-            .copy_from_slice(rest.get(..block)?);
-        end += 1 + block;
-        match run {
-            Some(_) => rest = rest.get(block + 1..)?,
-            None if rest.len() > block => rest = rest.get(block..)?,
-            None => break,
+    let (mut count, mut end) = (1, 2);
+    for place in STUFFING_BYTES..STUFFING_BYTES + length {
+        let byte = *buffer.get(place)?;
+        if end - count == 255 {
+            *buffer.get_mut(count)? = 255;
+            (count, end) = (end, end + 1);
+        }
+        if byte == 0 {
+            *buffer.get_mut(count)? = (end - count) as u8;
+            (count, end) = (end, end + 1);
+        } else {
+            *buffer.get_mut(end)? = byte;
+            end += 1;
         }
     }
-    *out.get_mut(end)? = 0;
+    *buffer.get_mut(count)? = (end - count) as u8;
+    *buffer.get_mut(end)? = 0;
     Some(end + 1)
 }
 

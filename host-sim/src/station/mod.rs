@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::wire::frame::Refusal;
 use spanwatch::wire::message::{
-    Answer, CHUNK_BYTES, Chunk, Configuration, Event, Outcome, Request, SampleBlock, Status,
+    Acknowledgement, Answer, CHUNK_BYTES, Chunk, Configuration, Event, Outcome, Request, SampleBlock, Status,
 };
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
@@ -24,6 +24,8 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 const FIRST_TRIES: u32 = 2;
 /// ... and to one that has: it may be in the middle of a slice of work, minutes on the slowest board that we know.
 const TRIES: u32 = 10;
+/// So often something in pieces is begun again because a passage has taken the logger's room for it: passages are minutes apart.
+const WHOLE_TRIES: u32 = 3;
 /// Pause between two questions whether the logger is still busy.
 const BUSY_PAUSE: Duration = Duration::from_millis(100);
 /// An identification that takes longer hangs: a 16-car train takes minutes on the slowest board.
@@ -77,6 +79,11 @@ impl Station {
         self.send_whole(&model::to_blob(bridge)?, Request::Model)
     }
 
+    /// Gives the logger a learnt track, as [`calibrate`](crate::calibrate) writes it.
+    pub fn load_track(&mut self, track: &[u8]) -> Result<()> {
+        self.send_whole(track, Request::Track)
+    }
+
     /// What all passages say of the bridge, as the logger keeps it.
     pub fn evidence(&mut self) -> Result<Vec<u8>> {
         let mut bytes = vec![];
@@ -97,16 +104,33 @@ impl Station {
         self.send_whole(evidence, Request::Restore)
     }
 
-    /// Sends bytes in pieces.
+    /// Sends bytes in pieces; begins again if the logger has lost those before.
     fn send_whole(&mut self, bytes: &[u8], request: fn(Chunk) -> Request) -> Result<()> {
-        for (piece, part) in bytes.chunks(CHUNK_BYTES).enumerate() {
-            self.command(&request(Chunk {
-                offset: (piece * CHUNK_BYTES) as u32,
-                total: bytes.len() as u32,
-                bytes: part.iter().copied().collect(),
-            }))?;
+        for _ in 1..WHOLE_TRIES {
+            let answer = self.send_pieces(bytes, request)?;
+            if answer.outcome != Outcome::Chunk {
+                return done(answer).map(|_| ());
+            }
         }
-        Ok(())
+        self.send_pieces(bytes, request).and_then(done).map(|_| ())
+    }
+
+    /// Sends bytes in pieces, up to the first that is refused as out of order; what the last one sent was answered.
+    fn send_pieces(&mut self, bytes: &[u8], request: fn(Chunk) -> Request) -> Result<Acknowledgement> {
+        let mut offset = 0;
+        loop {
+            let piece = bytes.iter().skip(offset).take(CHUNK_BYTES).copied().collect();
+            let answer = self.acknowledged(&request(Chunk {
+                offset: offset as u32,
+                total: bytes.len() as u32,
+                bytes: piece,
+            }))?;
+            offset += CHUNK_BYTES;
+            if answer.outcome == Outcome::Chunk || offset >= bytes.len() {
+                return Ok(answer);
+            }
+            done(answer)?;
+        }
     }
 
     /// Sends samples, whether the logger is busy or not, as a sensor would; tells whether it is identifying something now.
@@ -147,23 +171,15 @@ impl Station {
         }
     }
 
-    /// A request whose answer is an acknowledgement; whether the logger is busy now.
+    /// A request that the logger must do; whether it is busy now.
     fn command(&mut self, request: &Request) -> Result<bool> {
+        self.acknowledged(request).and_then(done)
+    }
+
+    /// A request whose answer is an acknowledgement.
+    fn acknowledged(&mut self, request: &Request) -> Result<Acknowledgement> {
         match self.ask(request)? {
-            Answer::Acknowledgement(answer) => match answer.outcome {
-                Outcome::Done => Ok(answer.busy),
-                Outcome::Configuration(error) => bail!("the logger refuses its configuration: {error}"),
-                Outcome::Model(error) => bail!("the logger refuses the bridge model: {error}"),
-                Outcome::Samples => {
-                    bail!("the logger refuses the samples: it has no configuration, or they fit no channels")
-                }
-                Outcome::Chunk => {
-                    bail!(
-                        "the logger refuses a piece of the bridge model or the evidence: it is out of order or too long"
-                    )
-                }
-                Outcome::Evidence(error) => bail!("the logger refuses the evidence: {error}"),
-            },
+            Answer::Acknowledgement(answer) => Ok(answer),
             _ => bail!("the logger answers a request with something else: is it of another version?"),
         }
     }
@@ -226,5 +242,20 @@ impl Station {
             }
         }
         Ok(found)
+    }
+}
+
+/// Whether the logger is busy, if it has done what it was asked.
+fn done(answer: Acknowledgement) -> Result<bool> {
+    match answer.outcome {
+        Outcome::Done => Ok(answer.busy),
+        Outcome::Configuration(error) => bail!("the logger refuses its configuration: {error}"),
+        Outcome::Model(error) => bail!("the logger refuses the bridge model: {error}"),
+        Outcome::Track(error) => bail!("the logger refuses the track: {error}"),
+        Outcome::Samples => bail!("the logger refuses the samples: it has no configuration, or they fit no channels"),
+        Outcome::Chunk => {
+            bail!("the logger refuses a piece of the bridge model or the evidence: it is out of order or too long")
+        }
+        Outcome::Evidence(error) => bail!("the logger refuses the evidence: {error}"),
     }
 }

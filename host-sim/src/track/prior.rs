@@ -61,8 +61,12 @@ pub fn fit(track: &impl Track<f64>, knots: &Knots<f64>) -> Vec<f64> {
 
 /// Covariance of a profile's coefficients on a track of this spectrum, m².
 pub fn covariance(spectrum: Spectrum, knots: &Knots<f64>) -> DMatrix<f64> {
+    covariance_of_waves(spectrum, spectrum.waves_m(), knots)
+}
+
+/// The same of the spectrum's waves of these lengths alone, m.
+pub fn covariance_of_waves(spectrum: Spectrum, [shortest, longest]: [f64; 2], knots: &Knots<f64>) -> DMatrix<f64> {
     let points = points(knots);
-    let [shortest, longest] = spectrum.waves_m();
     let (low, high) = (longest.recip().ln(), shortest.recip().ln());
     let width = (high - low) / WAVES as f64;
     let waves: Vec<[f64; 2]> = (0..WAVES)

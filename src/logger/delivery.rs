@@ -1,0 +1,205 @@
+//! What is too large for one message: it comes to the logger, or goes from it, in pieces.
+//!
+//! | item | waits in | its first piece |
+//! |---|---|---|
+//! | bridge model, learnt track | the [`room`](super::room) of the identification | ends an identification in progress, which is reported as [`Reason::Interrupted`] |
+//! | evidence, either way | a buffer of its own, 812 bytes | disturbs nothing |
+//!
+//! Pieces come in order from offset 0 on; a new first piece begins anew. A passage that comes while a model is on its way is identified
+//! by the old model, if there is one, and takes the room: the next piece is refused with [`Outcome::Chunk`], and the sender begins again.
+//! A model that never becomes whole changes nothing.
+//!
+//! The last piece that was taken may come again, its answer lost: it is answered as it was the first time, whatever has become of the
+//! room meanwhile.
+
+use heapless::Vec;
+
+use super::{Logger, adopt};
+use crate::capacity::MODEL_BLOB_BYTES;
+use crate::identify::evidence::{EVIDENCE_BYTES, Evidence};
+use crate::slot::Slot;
+use crate::wire::message::{CHUNK_BYTES, Chunk, Outcome, Reason, Verdict};
+
+/// What comes in pieces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Item {
+    /// A bridge model, for [`Logger::load`].
+    Model,
+    /// A learnt track, for [`Logger::load_track`].
+    Track,
+    /// An evidence, for [`Logger::restore`].
+    Evidence,
+}
+
+/// What the logger remembers of its deliveries outside the [`room`](super::room).
+#[derive(Debug, Clone)]
+pub(super) struct Deliveries {
+    /// An evidence that is coming, or the copy of the one that is going.
+    evidence: Pieces<EVIDENCE_BYTES>,
+    /// The last piece that was taken, and what it was answered.
+    last: Slot<(Piece, Outcome)>,
+}
+
+/// By what a piece is known again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Piece {
+    item: Item,
+    offset: u32,
+    bytes: usize,
+    total: u32,
+}
+
+/// Something as far as it has come.
+#[derive(Debug, Clone)]
+pub(super) struct Pieces<const N: usize> {
+    bytes: Vec<u8, N>,
+}
+
+/// What became of a piece.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Taken {
+    /// There is more to come.
+    Part,
+    /// It was the last.
+    Whole,
+    /// Out of order, or too many bytes.
+    Refused,
+}
+
+impl Deliveries {
+    pub(super) const fn new() -> Self {
+        Self {
+            evidence: Pieces::new(),
+            last: Slot::Empty,
+        }
+    }
+}
+
+impl<const N: usize> Pieces<N> {
+    pub(super) const fn new() -> Self {
+        Self { bytes: Vec::new() }
+    }
+
+    /// Whether what the piece belongs to has room here.
+    fn fits(chunk: &Chunk) -> bool {
+        let end = (chunk.offset as usize).saturating_add(chunk.bytes.len());
+        end <= chunk.total as usize && chunk.total as usize <= N
+    }
+
+    fn take(&mut self, chunk: &Chunk) -> Taken {
+        if chunk.offset == 0 {
+            self.bytes.clear();
+        }
+        let next = chunk.offset as usize == self.bytes.len();
+        if !next || !Self::fits(chunk) || self.bytes.extend_from_slice(&chunk.bytes).is_err() {
+            return Taken::Refused;
+        }
+        if self.bytes.len() < chunk.total as usize {
+            Taken::Part
+        } else {
+            Taken::Whole
+        }
+    }
+
+    /// The piece from `offset` on.
+    fn give(&self, offset: u32) -> Chunk {
+        let rest = self.bytes.get(offset as usize..).unwrap_or_default();
+        Chunk {
+            offset,
+            total: self.bytes.len() as u32,
+            bytes: rest.iter().take(CHUNK_BYTES).copied().collect(),
+        }
+    }
+}
+
+impl Logger {
+    // Not inlined: what reads a whole model or evidence must not stand on the stack under a passage that has come.
+    /// Takes a piece of `item`, and the whole once the last piece is there.
+    #[inline(never)]
+    pub fn take_piece(&mut self, item: Item, chunk: &Chunk) -> Outcome {
+        let piece = Piece {
+            item,
+            offset: chunk.offset,
+            bytes: chunk.bytes.len(),
+            total: chunk.total,
+        };
+        match self.deliveries.last.as_ref() {
+            // A first piece is never passed over: another item may begin as the last one ended.
+            Some((last, outcome)) if *last == piece && piece.offset > 0 => return *outcome,
+            _ => {}
+        }
+        let outcome = match item {
+            Item::Model | Item::Track => self.take_into_room(item, chunk),
+            Item::Evidence => match self.deliveries.evidence.take(chunk) {
+                Taken::Part => Outcome::Done,
+                Taken::Whole => self.restore_delivered(),
+                Taken::Refused => Outcome::Chunk,
+            },
+        };
+        if outcome != Outcome::Chunk {
+            self.deliveries.last = Slot::Full((piece, outcome));
+        }
+        outcome
+    }
+
+    /// A piece of what all passages say of the bridge; all pieces are of the state that was at the first.
+    pub fn give_evidence(&mut self, offset: u32) -> Chunk {
+        let copy = &mut self.deliveries.evidence;
+        if offset == 0 {
+            copy.bytes.clear();
+            // There is room for the whole of it.
+            let _ = copy.bytes.resize_default(EVIDENCE_BYTES);
+            let evidence = self.evidence.to_bytes(self.model_crc, &mut copy.bytes);
+            let used = evidence.map_or(0, <[u8]>::len);
+            copy.bytes.truncate(used);
+        }
+        copy.give(offset)
+    }
+
+    /// Takes a piece of something that needs the room of the identification.
+    fn take_into_room(&mut self, item: Item, chunk: &Chunk) -> Outcome {
+        if chunk.offset == 0 {
+            if !Pieces::<MODEL_BLOB_BYTES>::fits(chunk) {
+                return Outcome::Chunk;
+            }
+            self.end_work(Verdict::NotIdentified(Reason::Interrupted));
+            self.room.begin_delivery(item);
+        }
+        // Without the room the beginning is gone.
+        let Some(pieces) = self.room.delivery(item) else {
+            return Outcome::Chunk;
+        };
+        match pieces.take(chunk) {
+            Taken::Refused => Outcome::Chunk,
+            Taken::Part => Outcome::Done,
+            Taken::Whole if item == Item::Track => {
+                (self
+                    .rails
+                    .adopt(&pieces.bytes, &mut self.bridge, self.model_crc, &mut self.evidence))
+                .map_or_else(Outcome::Track, |()| Outcome::Done)
+            }
+            Taken::Whole => {
+                let before = self.model_crc;
+                match adopt(&pieces.bytes, &mut self.bridge, &mut self.model_crc, &mut self.evidence) {
+                    Ok(()) => {
+                        self.rails.follow(&mut self.bridge, before == self.model_crc);
+                        Outcome::Done
+                    }
+                    Err(error) => Outcome::Model(error),
+                }
+            }
+        }
+    }
+
+    fn restore_delivered(&mut self) -> Outcome {
+        let restored = Evidence::from_bytes(
+            &self.deliveries.evidence.bytes,
+            self.model_crc,
+            self.evidence.forgetting(),
+        );
+        restored.map_or_else(Outcome::Evidence, |evidence| {
+            self.evidence = evidence;
+            Outcome::Done
+        })
+    }
+}
