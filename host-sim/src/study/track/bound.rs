@@ -50,6 +50,8 @@ pub struct Problem<'a> {
     pub bridge: &'a ReducedBridge<f64>,
     /// The true track, on the knots of its unknowns.
     pub track: &'a Profile<f64>,
+    /// The bridge's losses.
+    pub damage: Damage<f64>,
     /// What is told of a run may be off by so much; the stiffness, too.
     pub ranges: Ranges,
     /// Whether each car's load is unknown by itself.
@@ -92,7 +94,7 @@ impl Known {
 pub fn information(problem: &Problem<'_>, scenario: &Scenario) -> Result<DMatrix<f64>> {
     let observed = observation(problem.bridge, scenario)?;
     let hypothesis = Hypothesis {
-        damage: [0.0; ELEMENTS],
+        damage: problem.damage,
         stiffness: 1.0,
         run: observed.run,
     };
@@ -218,7 +220,6 @@ impl Problem<'_> {
     pub fn of(&self, passage: &Passage, nodes: &[u16]) -> Result<DMatrix<f64>> {
         let scenario = Scenario {
             nodes: nodes.to_vec(),
-            track: None,
             ..passage.scenario.clone()
         };
         information(self, &scenario)

@@ -135,6 +135,7 @@ pub fn run(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
                     let problem = Problem {
                         bridge: model,
                         track,
+                        damage: [0.0; ELEMENTS],
                         ranges: setting.ranges(),
                         uneven: plan.uneven,
                     };

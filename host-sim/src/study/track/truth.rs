@@ -296,6 +296,11 @@ impl Viaduct {
         let mut rng = generator(self.seed, index, Purpose::Noise);
         let counts = count(&clean, &sigma, &mut rng);
         let run = scenario.run::<f64>();
+        // A track is the viaduct's, and large.
+        let scenario = Scenario {
+            track: None,
+            ..scenario
+        };
         Ok(Passage {
             index,
             told: Run {
@@ -355,7 +360,7 @@ fn changed(before: &Profile, other: &Profile, length_m: f64) -> Profile {
 pub struct Passage {
     /// Its number.
     pub index: usize,
-    /// How it was solved: its truth.
+    /// How it was solved, but for the track: its truth.
     pub scenario: Scenario,
     /// What is told of its run.
     pub told: Run<f64>,
@@ -400,7 +405,6 @@ impl Passage {
         let samples = self.stream(nodes).into_iter().map(acceleration_mps2).collect();
         let scenario = Scenario {
             nodes: nodes.to_vec(),
-            track: None,
             ..self.scenario.clone()
         };
         let mut observed = Observed::of(self.logger.clone(), &scenario, samples)?;
