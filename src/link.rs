@@ -193,6 +193,11 @@ fn log(event: &Event) {
             report.end_sample,
             report.verdict
         ),
+        Event::Track(report) => defmt::warn!(
+            "passage {=u32}: the track has changed, {=f32} deviations more are left",
+            report.passage,
+            report.misfit
+        ),
         Event::Alert(alert) => defmt::warn!(
             "alert of passage {=u32}: elements {=u16:#b} damaged, per mille {=[?]}",
             alert.passage,
