@@ -24,7 +24,7 @@ reported: viaducts whose change was. after: passages until then, median / most. 
 ";
 /// What is printed under the table of [`detection`].
 const DETECTION: &str = "\
-after: passages until an alarm names the element: median / 95 % of the viaducts / most; none: so many never had one. found: viaducts with an
+after: passages until an alarm names the element: median / 95 % of the viaducts / most. found: viaducts with an
 alarm within 6 passages / within all. wrong: viaducts with an alarm of a whole element. changed: viaducts whose track was said to have changed.
 ";
 /// Passages within which a loss should be found.
