@@ -1,5 +1,8 @@
 //! `host-sim evaluate track`: what can be told of damage on a track that nobody has measured, and what is.
 
+use std::fs;
+use std::path::PathBuf;
+
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use host_sim::model::{self, reduce::reduce};
@@ -70,6 +73,9 @@ pub(super) struct Track {
     /// bound: the coarser knots of the design's bounds, in place of those that are learnt
     #[arg(long)]
     design_knots: bool,
+    /// Keep learnt tracks in this folder, and take them from there: campaigns over the same viaducts learn them once
+    #[arg(long, value_name = "DIR")]
+    lessons: Option<PathBuf>,
     /// Print one JSON array in place of the table
     #[arg(long)]
     json: bool,
@@ -233,7 +239,10 @@ pub(super) fn run(arguments: &Track) -> Result<()> {
         Campaign::Detect => elements.len() * arguments.losses.len(),
         _ => 1,
     };
-    let method = Logged::new(&reduced, SEED)?;
+    if let Some(folder) = &arguments.lessons {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    let method = Logged::new(&reduced, SEED, arguments.lessons.clone())?;
     let bar = terminal::progress(plan.work(times), "learning and monitoring");
     let done = |passages: u64| bar.inc(passages);
     match arguments.campaign {

@@ -1,5 +1,8 @@
 //! What the campaigns are of: a way to learn a track from healthy passages, and to monitor the bridge with what was learnt.
 
+use std::fs;
+use std::path::PathBuf;
+
 use anyhow::{Context, Result, anyhow};
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::ELEMENTS;
@@ -13,6 +16,7 @@ use spanwatch::wire::message::{Event, Memory, Reason, TrackState, Verdict};
 use super::truth::Passage;
 use crate::calibrate::{self, Options, calibrate};
 use crate::model::to_blob;
+use crate::output;
 
 /// A way to learn and to monitor.
 pub trait Method: Sync {
@@ -60,19 +64,34 @@ pub struct Logged {
     bridge: ReducedBridge<f64>,
     blob: Vec<u8>,
     seed: u64,
+    /// Where learnt tracks are kept, so that another campaign over the same viaducts need not learn them again.
+    lessons: Option<PathBuf>,
 }
 
 impl Logged {
-    /// For a bridge; `seed` is that of all searches.
+    /// For a bridge; `seed` is that of all searches, and learnt tracks are kept in the folder `lessons`, if there is one.
     ///
     /// # Errors
     /// If its model has no room on a logger.
-    pub fn new(bridge: &ReducedBridge<f64>, seed: u64) -> Result<Self> {
+    pub fn new(bridge: &ReducedBridge<f64>, seed: u64, lessons: Option<PathBuf>) -> Result<Self> {
         Ok(Self {
             bridge: bridge.clone(),
             blob: to_blob(bridge)?,
             seed,
+            lessons,
         })
+    }
+
+    /// The file of what these passages teach, named by their samples and by all that it depends on.
+    fn lesson(&self, passages: &[calibrate::Passage]) -> Option<PathBuf> {
+        let mut digest = CRC32C.digest();
+        for sample in passages.iter().flat_map(|passage| &passage.observed.samples) {
+            digest.update(&sample.to_le_bytes());
+        }
+        digest.update(&self.blob);
+        digest.update(&self.seed.to_le_bytes());
+        let name = format!("track-{}-{:08x}.blob", passages.len(), digest.finalize());
+        Some(self.lessons.as_ref()?.join(name))
     }
 }
 
@@ -96,13 +115,24 @@ impl Method for Logged {
                 })
             })
             .collect::<Result<Vec<_>>>()?;
+        let kept = self.lesson(&passages);
+        if let Some(path) = kept.as_ref().filter(|path| path.exists()) {
+            return Ok(Lesson {
+                learnt: calibrate::read(path, &self.bridge)?,
+                blob: fs::read(path)?,
+            });
+        }
         let options = Options {
             healthy: true,
             seed: self.seed,
         };
         let calibration = calibrate(&passages, &options, &|_, _| ())?;
+        let blob = calibration.to_blob(&self.bridge)?;
+        if let Some(path) = &kept {
+            output::write(&[(path, &blob)])?;
+        }
         Ok(Lesson {
-            blob: calibration.to_blob(&self.bridge)?,
+            blob,
             learnt: calibration.learnt,
         })
     }
