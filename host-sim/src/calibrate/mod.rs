@@ -26,13 +26,15 @@
 //! the track that the logger's test of the track cannot see. It is most of `B`: sixty passages of sixteen cars leave 0.1 to 0.3 points
 //! of an element of girder50 open, but a change of the rails by a hundredth of a millimetre (waves below 20 m) is not seen, and may pass for 1 to 5.
 
+pub mod known;
 mod linear;
+mod recorded;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::identify::Identification;
-use spanwatch::interaction::Run;
+use spanwatch::interaction::{Direction, Run};
 use spanwatch::track::learnt::{LearntTrack, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Stretch};
 use spanwatch::wire::message::TrainKind;
@@ -135,6 +137,10 @@ pub struct Calibration {
     pub bridge_std: [f64; 2],
     /// Standard deviation of each element's loss that no number of later passages goes below.
     pub floor: [f64; ELEMENTS],
+    /// The part of it that comes from what these passages leave unknown: no drift of the track that is not seen.
+    pub floor_learnt: [f64; ELEMENTS],
+    /// What that would be, had each of these passages been there twice.
+    pub floor_twice: [f64; ELEMENTS],
     /// Of each passage, in the order in which they were given.
     pub passages: Vec<Outcome>,
     /// Gauss-Newton steps that it took.
@@ -174,6 +180,14 @@ pub fn calibrate(
     let Some(first) = passages.first() else {
         bail!("there is no passage to learn from");
     };
+    let sensors = |passage: &Passage| passage.observed.observation.recorder.sensors.clone();
+    if let Some(other) = passages.iter().find(|passage| sensors(passage) != sensors(first)) {
+        bail!(
+            "{} and {} are of different sensors; a track is learnt with those that it will be monitored with, in the same order",
+            first.name,
+            other.name
+        );
+    }
     let length_m = f64::from(first.observed.bridge.path.length_m());
     let Some(knots) = knots(length_m) else {
         bail!("a bridge of {length_m} m has no place in a profile of this size");
@@ -197,9 +211,16 @@ pub fn calibrate(
     progress(1, turns);
 
     let mut joint = Joint::new(&knots, options)?;
-    let mut solved = joint.solve(&mut candidates, &|done| progress(1 + done, turns))?;
-    let outlying = outlying(&solved.unexplained);
-    if !outlying.is_empty() {
+    let solved = loop {
+        if candidates.len() < FEWEST {
+            return Err(too_few(candidates.len(), passages, &outcomes));
+        }
+        let solved = joint.solve(&mut candidates, &|done| progress(1 + done, turns))?;
+        // One that is far off hides others behind it: asked again until there is none.
+        let outlying = outlying(&solved.unexplained);
+        if outlying.is_empty() {
+            break solved;
+        }
         for &c in outlying.iter().rev() {
             let (i, _) = candidates.remove(c);
             outcomes[i] = Outcome::LeftOut(format!(
@@ -208,8 +229,7 @@ pub fn calibrate(
                 100.0 * median(&solved.unexplained)
             ));
         }
-        solved = joint.solve(&mut candidates, &|done| progress(1 + done, turns))?;
-    }
+    };
     progress(turns - 1, turns);
 
     let learnt = joint.learnt(&candidates, &solved, options)?;
@@ -226,6 +246,11 @@ pub fn calibrate(
     }
     progress(turns, turns);
     let (learnt, _, floor) = learnt;
+    let unknown = |covariance: &DMatrix<f64>| {
+        Ok::<_, anyhow::Error>(deviations(&joint.floor(&candidates, &solved, covariance, 0.0)?))
+    };
+    let floor_learnt = unknown(&solved.covariance)?;
+    let floor_twice = unknown(&joint.step(&solved.passages, 2.0)?.1)?;
     let deviation = |place: usize| solved.covariance[(place, place)].max(0.0).sqrt();
     let shared = &joint.shared;
     Ok(Calibration {
@@ -242,6 +267,8 @@ pub fn calibrate(
         damage: std::array::from_fn(|e| [shared.damage[e], if options.healthy { 0.0 } else { deviation(e) }]),
         bridge_std: [deviation(SHARED_STIFFNESS), deviation(SHARED_DAMPING)],
         floor,
+        floor_learnt,
+        floor_twice,
         passages: outcomes,
         steps: solved.steps,
         knots,
@@ -250,6 +277,9 @@ pub fn calibrate(
 
 /// A passage whose run is roughly known; why it is of no use, if it is of none.
 fn begin(passage: &Passage, found: Result<Identification>) -> Result<Candidate<'_>, String> {
+    if passage.observed.observation.run.direction == Direction::Backward {
+        return Err("its train enters by the last node, where the profile has no approach".to_owned());
+    }
     let samples = &passage.observed.samples;
     let missing = samples.iter().filter(|value| value.is_nan()).count();
     if missing as f32 > BAD_SAMPLES * samples.len() as f32 {
@@ -317,12 +347,6 @@ impl Joint {
         candidates: &mut [(usize, Candidate<'_>)],
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Solved> {
-        if candidates.len() < FEWEST {
-            bail!(
-                "only {} passages are of use; a track is learnt from {FEWEST} at least, better from sixty",
-                candidates.len()
-            );
-        }
         let mut steps = 0;
         loop {
             let passages = (each(&*candidates, |(_, candidate)| {
@@ -339,7 +363,7 @@ impl Joint {
             let unexplained: Vec<f64> = (passages.iter())
                 .map(|passage| passage.residuals.unexplained(&passage.power).into())
                 .collect();
-            let (step, covariance) = self.step(&passages)?;
+            let (step, covariance) = self.step(&passages, 1.0)?;
             let settled = promise(&passages, &step) < SETTLED;
             if steps == MOST_STEPS || settled {
                 return Ok(Solved {
@@ -363,14 +387,16 @@ impl Joint {
         }
     }
 
-    /// The step to the minimum of the linear model, and the covariance about it.
-    fn step(&self, passages: &[Linear]) -> Result<(DVector<f64>, DMatrix<f64>)> {
+    /// The step to the minimum of the linear model, and the covariance about it, if each passage counts so many `times`.
+    fn step(&self, passages: &[Linear], times: f64) -> Result<(DVector<f64>, DMatrix<f64>)> {
         let n = COEFFICIENTS + self.shared.coefficients.len();
         let (mut information, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
         for passage in passages {
             information += &passage.information;
             gradient += &passage.gradient;
         }
+        information *= times;
+        gradient *= times;
         let mut prior = |place: usize, deviation: f64, value: f64| {
             information[(place, place)] += deviation.powi(-2);
             gradient[place] -= value * deviation.powi(-2);
@@ -449,30 +475,30 @@ impl Joint {
             unexplained.floor *= mean.exp() as f32;
             unexplained.part *= mean.exp() as f32;
         }
-        let floor = self.floor(candidates, solved, drift(&learnt))?;
+        let floor = self.floor(candidates, solved, &solved.covariance, drift(&learnt))?;
         let inverse = floor.try_inverse();
         if let Some(inverse) = inverse {
             learnt.reference = SMatrix::from_fn(|i, j| (0.5 * (inverse[(i, j)] + inverse[(j, i)])) as f32);
         }
-        let deviations = std::array::from_fn(|e| floor[(e, e)].max(0.0).sqrt());
         Ok((
             learnt,
             monitored.iter().map(|(found, _)| found.unexplained).collect(),
-            deviations,
+            deviations(&floor),
         ))
     }
 
-    /// `B`: the covariance of the losses that what is left unknown of the shared unknowns makes. `drift` is the part by which the power
-    /// that is left may grow unseen.
+    /// `B`: the covariance of the losses that what is left unknown of the shared unknowns makes, their `covariance`. `drift` is the part
+    /// by which the power that is left may grow unseen.
     fn floor(
         &self,
         candidates: &[(usize, Candidate<'_>)],
         solved: &Solved,
+        covariance: &DMatrix<f64>,
         drift: f64,
     ) -> Result<SMatrix<f64, ELEMENTS, ELEMENTS>> {
-        let n = solved.covariance.nrows();
+        let n = covariance.nrows();
         let s = n - ELEMENTS;
-        let unknown = solved.covariance.view((ELEMENTS, ELEMENTS), (s, s));
+        let unknown = covariance.view((ELEMENTS, ELEMENTS), (s, s));
         let mut floor = SMatrix::zeros();
         for kind in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
             let of_kind: Vec<&Linear> = (candidates.iter().zip(&solved.passages))
@@ -510,6 +536,23 @@ impl Joint {
         }
         Ok(floor)
     }
+}
+
+fn deviations(covariance: &SMatrix<f64, ELEMENTS, ELEMENTS>) -> [f64; ELEMENTS] {
+    std::array::from_fn(|e| covariance[(e, e)].max(0.0).sqrt())
+}
+
+/// So few that nothing is learnt; with one of the reasons, if there are any.
+fn too_few(count: usize, passages: &[Passage], outcomes: &[Outcome]) -> anyhow::Error {
+    let reason = (passages.iter().zip(outcomes)).find_map(|(passage, outcome)| match outcome {
+        Outcome::LeftOut(reason) if !reason.is_empty() => Some(format!(" ({}: {reason})", passage.name)),
+        _ => None,
+    });
+    anyhow!(
+        "only {count} of {} passages are of use, and a track is learnt from {FEWEST} at least, better from sixty{}",
+        passages.len(),
+        reason.unwrap_or_default()
+    )
 }
 
 /// Part of what is left of the passages that a step takes, by the linear model.
