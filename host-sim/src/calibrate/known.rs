@@ -1,13 +1,16 @@
 //! How well a profile is known, and where, by the waves that shake a bridge.
 //!
 //! Trains tell waves of some metres to a few micrometres, and a gradient along the whole stretch not at all; what they do not feel does no
-//! harm either. So a profile is shown, and set beside another, less its own mean over some metres:
+//! harm either. So a profile is shown, and set beside another, less its own mean over some metres, twice:
 //!
 //! ```text
-//! h(x) = r(x) - integral g(u) r(x + u) du        g Gaussian, of deviation s
+//! h(x) = (1 - G) (1 - G) r,    (G r)(x) = integral g(u) r(x + u) du        g Gaussian, of deviation s
 //! ```
 //!
-//! Of a wave of length l, `h` holds the part `1 - exp(-2 (pi s / l)^2)`: with `s` = 3.75 m half of one of 20 m, all of one of 5 m.
+//! Of a wave of length l, `h` holds the part `(1 - exp(-2 (pi s / l)^2))^2`: with `s` = 5 m half of one of 20 m, all of one of 6 m, 0.6 % of
+//! one of 80 m.
+
+use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
 use nalgebra::DMatrix;
 use spanwatch::track::profile::{Knots, Profile};
@@ -19,7 +22,7 @@ use super::Calibration;
 pub const HALF_WAVE_M: f64 = 20.0;
 /// Distance of points, m: half a span of the finest knots.
 pub const POINT_M: f64 = 0.25;
-/// Deviations of the Gaussian to either side that are summed.
+/// Deviations of the wider Gaussian to either side that are summed.
 const REACH: f64 = 4.0;
 
 /// Short waves of a profile at a place.
@@ -70,17 +73,25 @@ fn places(knots: &Knots<f64>) -> Vec<f64> {
 
 /// The short waves of a track at places [`POINT_M`] apart, m.
 pub fn short_waves_of(track: &impl Track<f64>, places_m: &[f64]) -> Vec<f64> {
-    // 2 (pi s / l)^2 = ln 2
-    let deviation_m = HALF_WAVE_M * (std::f64::consts::LN_2 / 2.0).sqrt() / std::f64::consts::PI;
-    let reach = (REACH * deviation_m / POINT_M).round() as usize;
+    // exp(-2 (pi s / l)^2) = 1 - sqrt(1 / 2)
+    let exponent = -(1.0 - FRAC_1_SQRT_2).ln();
+    let deviation_m = HALF_WAVE_M * (exponent / 2.0).sqrt() / PI;
+    let reach = (REACH * SQRT_2 * deviation_m / POINT_M).round() as usize;
     let Some(&first) = places_m.first() else {
         return Vec::new();
     };
-    let weights: Vec<f64> = (0..=2 * reach)
-        .map(|i| (POINT_M * (i as f64 - reach as f64) / deviation_m).powi(2))
-        .map(|square| (-0.5 * square).exp())
+    // Smoothed twice is smoothed by a Gaussian that is wider by the root of two.
+    let gaussian = |deviation_m: f64| -> Vec<f64> {
+        let weights: Vec<f64> = (0..=2 * reach)
+            .map(|i| POINT_M * (i as f64 - reach as f64) / deviation_m)
+            .map(|u| (-0.5 * u * u).exp())
+            .collect();
+        let sum: f64 = weights.iter().sum();
+        weights.into_iter().map(|weight| weight / sum).collect()
+    };
+    let weights: Vec<f64> = (gaussian(deviation_m).into_iter().zip(gaussian(SQRT_2 * deviation_m)))
+        .map(|(once, twice)| 2.0 * once - twice)
         .collect();
-    let sum: f64 = weights.iter().sum();
     let heights: Vec<f64> = (0..places_m.len() + 2 * reach)
         .map(|i| first + POINT_M * (i as f64 - reach as f64))
         .map(|x| track.at(Motion::Vertical, x).value)
@@ -92,7 +103,7 @@ pub fn short_waves_of(track: &impl Track<f64>, places_m: &[f64]) -> Vec<f64> {
                 .zip(&weights)
                 .map(|(height, weight)| height * weight)
                 .sum();
-            window[reach] - mean / sum
+            window[reach] - mean
         })
         .collect()
 }
@@ -120,8 +131,8 @@ mod tests {
     }
 
     #[test]
-    fn half_of_a_wave_of_twenty_metres_is_short_and_all_of_one_of_five() {
-        for (length_m, part) in [(200.0, 0.007), (20.0, 0.5), (5.0, 1.0)] {
+    fn half_of_a_wave_of_twenty_metres_is_short_and_all_of_one_of_six() {
+        for (length_m, part) in [(80.0, 0.0055), (20.0, 0.5), (6.0, 1.0)] {
             let heights = short_waves_of(&Wave(length_m), &[0.0, 0.25]);
             assert!((heights[0] - part).abs() < 1e-3, "{length_m} m: {heights:?}");
         }

@@ -222,14 +222,14 @@ struct Known {
     deviation_m: f64,
 }
 
-/// The approach as one, then stretches of [`STRETCH_M`] beginning shortly before the bridge, then all behind it.
+/// The approach as one, then stretches of [`STRETCH_M`] from shortly before the bridge until behind it.
 fn stretches(short: &[ShortWaves], length_m: f64) -> Vec<Known> {
-    let (Some(first), Some(last)) = (short.first(), short.last()) else {
+    let Some(first) = short.first() else {
         return Vec::new();
     };
     let count = STRETCHES_BEFORE + (length_m / STRETCH_M).ceil() + 1.0;
     let near = (0..=count as usize).map(|i| STRETCH_M * (i as f64 - STRETCHES_BEFORE));
-    let bounds: Vec<f64> = std::iter::once(first.x_m).chain(near).chain([last.x_m]).collect();
+    let bounds: Vec<f64> = std::iter::once(first.x_m).chain(near).collect();
     (bounds.windows(2))
         .filter_map(|pair| {
             let inside: Vec<&ShortWaves> = short.iter().filter(|at| (pair[0]..pair[1]).contains(&at.x_m)).collect();

@@ -116,7 +116,7 @@ pub fn passage_on_tracks(path: &Path, passage: &Passage, calibration: &Calibrati
             panel.line(&left_smooth, PALE, 1.6)?;
             panel.line(&left_learnt, BLUE, 1.0)?;
             if c + 1 == channels {
-                panel.x_axis(&along, "time in the recording, s")?;
+                panel.x_axis(&along, "time from the recording's first row, s")?;
             }
         }
         Ok(())

@@ -63,6 +63,8 @@ pub fn irregularity(path: &Path, title: &str, track: &Profile) -> Result<()> {
 
 /// What is shown of a learnt track before the bridge and behind it, besides the whole, m.
 const AROUND_M: [f64; 2] = [10.0, 5.0];
+/// Next to its ends a profile is forced to be level, and not shown, m.
+const MARGIN_M: f64 = 15.0;
 /// Deviations that a band reaches to either side.
 const BAND: f64 = 2.0;
 
@@ -83,7 +85,7 @@ pub fn learnt(
     let places: Vec<f64> = short.iter().map(|at| at.x_m).collect();
     let truth = truth.map(|truth| short_waves_of(truth, &places));
     let near = [-AROUND_M[0], length_m + AROUND_M[1]];
-    let whole = [places[0], places[places.len() - 1]];
+    let whole = [places[0] + MARGIN_M, places[places.len() - 1] - MARGIN_M];
     let all = || {
         short
             .iter()
@@ -94,7 +96,7 @@ pub fn learnt(
     let svg = Svg::draw(HEAD + 3.0 * (CAPTION + ROW + AXIS), |canvas| {
         canvas.text(title, LEFT, 30.0, TITLE, INK, HPos::Left)?;
         let subtitle = format!(
-            "Mean height of the rails, waves shorter than {HALF_WAVE_M:.0} m (half of those of {HALF_WAVE_M:.0} m): longer ones are not felt; {} passages",
+            "Mean height of the rails, waves shorter than {HALF_WAVE_M:.0} m; learnt from {} passages",
             calibration.learnt.passages
         );
         canvas.text(&subtitle, LEFT, 56.0, BODY, SOFT, HPos::Left)?;
