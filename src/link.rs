@@ -21,7 +21,7 @@ pub trait Board {
     fn health(&mut self) -> Health;
 }
 
-/// State of the logger and of its line. Large, 107 KiB: it belongs in static memory.
+/// State of the logger and of its line. Large, 103 KiB: it belongs in static memory.
 #[derive(Debug, Clone)]
 pub struct RemoteLogger {
     decoder: Decoder,
@@ -115,6 +115,7 @@ impl Desk {
                     })
             }
             Request::Model(chunk) => self.logger.take_piece(Item::Model, &chunk),
+            Request::Track(chunk) => self.logger.take_piece(Item::Track, &chunk),
             Request::Samples(block) => {
                 let start = board.ticks();
                 let taken = self.logger.push(block.first_sample, &block.counts);
@@ -148,6 +149,7 @@ impl Desk {
 
     fn status(&self, rejected: u32, board: &mut impl Board) -> Status {
         Status {
+            track: self.logger.track_state(),
             samples: self.logger.samples(),
             passages: self.logger.passages(),
             alerts: self.logger.alerts(),
@@ -190,6 +192,11 @@ fn log(event: &Event) {
             report.start_sample,
             report.end_sample,
             report.verdict
+        ),
+        Event::Track(report) => defmt::warn!(
+            "passage {=u32}: the track has changed, {=f32} deviations more are left",
+            report.passage,
+            report.misfit
         ),
         Event::Alert(alert) => defmt::warn!(
             "alert of passage {=u32}: elements {=u16:#b} damaged, per mille {=[?]}",

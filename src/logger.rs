@@ -9,6 +9,7 @@
 //! the next one is found and reported, but its samples are not kept: there is memory for one.
 
 mod delivery;
+mod rails;
 mod room;
 
 use core::fmt;
@@ -30,15 +31,18 @@ use crate::math::level_db;
 use crate::passage::stream::BlockError;
 use crate::passage::{Kept, Passage, Stream};
 use crate::slot::Slot;
-use crate::track::profile::Profile;
+use crate::track::blob::TrackError;
+use crate::track::learnt::LearntTrack;
+use crate::track::watch::Finding;
 use crate::train::PlanarTrain;
 use crate::wire::CRC32C;
 use crate::wire::message::{
     Alert, Channel, Configuration, Event, Fit, Memory, PassageReport, Quality, Quantity, Ranges, Reason, RivalReport,
-    Traffic, Trigger, Verdict,
+    TrackReport, TrackState, Traffic, Trigger, Verdict,
 };
 
 use delivery::Deliveries;
+use rails::Rails;
 use room::Room;
 
 pub use delivery::Item;
@@ -252,8 +256,7 @@ pub struct Logger {
     configuration: Slot<Configuration>,
     /// Of no elements until one is loaded.
     bridge: ReducedBridge<f32>,
-    /// The rail's profile; smooth until one is loaded.
-    track: Profile<f32>,
+    rails: Rails,
     stream: Stream,
     work: Slot<Work>,
     /// Memory for the work, which always has it, or for what is on its way.
@@ -281,7 +284,7 @@ impl Logger {
         Self {
             configuration: Slot::Empty,
             bridge: ReducedBridge::EMPTY,
-            track: Profile::SMOOTH,
+            rails: Rails::new(),
             stream: Stream::new(),
             work: Slot::Empty,
             room: Room::Empty,
@@ -318,7 +321,22 @@ impl Logger {
     /// one. Bytes that were changed on their way leave the old model; a model that is refused leaves none.
     pub fn load(&mut self, model: &[u8]) -> Result<(), BlobError> {
         self.end_work(Verdict::NotIdentified(Reason::Interrupted));
-        adopt(model, &mut self.bridge, &mut self.model_crc, &mut self.evidence)
+        let before = self.model_crc;
+        adopt(model, &mut self.bridge, &mut self.model_crc, &mut self.evidence)?;
+        self.rails.follow(&mut self.bridge, before == self.model_crc);
+        Ok(())
+    }
+
+    /// Takes a track that was learnt with the bridge model that is loaded, as [`track::blob::write()`](crate::track::blob::write())
+    /// makes it. An identification in progress is dropped; what is known of the bridge by an earlier track is kept.
+    pub fn load_track(&mut self, track: &[u8]) -> Result<(), TrackError> {
+        self.end_work(Verdict::NotIdentified(Reason::Interrupted));
+        (self.rails).adopt(track, &mut self.bridge, self.model_crc, &mut self.evidence)
+    }
+
+    /// Whether a track was learnt, and is still that.
+    pub fn track_state(&self) -> TrackState {
+        self.rails.state()
     }
 
     /// Writes what all passages say of the bridge into `buffer`; nothing if there is no room.
@@ -353,7 +371,7 @@ impl Logger {
         };
         let problem = Problem {
             bridge: &self.bridge,
-            track: &self.track,
+            track: self.rails.learnt(),
             observation: &work.observation,
             samples: self.stream.passage_samples(),
             free_vibration: None,
@@ -490,9 +508,10 @@ impl Logger {
         if passage.quality.total() as f32 > BAD_SAMPLES * samples.len() as f32 {
             return Err(Reason::BadQuality);
         }
-        let observation = configuration
+        let mut observation = configuration
             .observe(traffic, &self.bridge, passage.first_sample)
             .map_err(Reason::Setup)?;
+        observation.stiffness = self.rails.learnt().stiffness;
         let duration_s = rows as f32 / configuration.sample_rate_hz;
         if traffic.entry_time_s.is_some() && !(0.0..duration_s).contains(&observation.run.entry_time_s) {
             return Err(Reason::NotThisTrain);
@@ -502,9 +521,50 @@ impl Logger {
         Ok((observation, guess))
     }
 
+    /// Why what the search has found is not believed; also asks whether the track is still the one that was learnt.
+    fn doubt(&mut self) -> Option<Reason> {
+        let Work { search, report, .. } = self.work.as_ref()?;
+        let found = search.result()?;
+        if found.stop == Stop::Budget {
+            return Some(Reason::OutOfTime);
+        }
+        let doubt = if !found.explained() {
+            Some(Reason::Unexplained)
+        } else if found.estimate.contradiction > CONTRADICTION {
+            Some(Reason::Implausible)
+        } else {
+            None
+        };
+        let Some(learnt) = self.rails.learnt.as_ref() else {
+            return doubt;
+        };
+        let train = self.configuration.as_ref()?.traffic.as_ref()?.train;
+        if doubt.is_none() && !learnt.knows(train, found.run.speed_mps) {
+            return Some(Reason::Uncalibrated);
+        }
+        let misfit = learnt.misfit(&found.mean_squares);
+        let finding = self.rails.watch.judge(learnt, doubt.is_none().then_some(misfit));
+        if finding == Finding::Changed {
+            let report = TrackReport {
+                passage: report.passage,
+                start_sample: report.start_sample,
+                misfit,
+                mean_misfit: self.rails.watch.mean(),
+            };
+            self.emit(Event::Track(report));
+        }
+        match finding {
+            Finding::Same => doubt,
+            Finding::Another | Finding::Changed => doubt.or(Some(Reason::AnotherTrack)),
+        }
+    }
+
     // Not inlined: an alert must not stand on the stack under the search.
     #[inline(never)]
     fn decide(&mut self) {
+        if let Some(reason) = self.doubt() {
+            return self.end_work(Verdict::NotIdentified(reason));
+        }
         let Some(Work {
             search,
             report,
@@ -515,16 +575,11 @@ impl Logger {
             return;
         };
         let Some(found) = search.result() else { return };
-        if found.stop == Stop::Budget {
-            return self.end_work(Verdict::NotIdentified(Reason::OutOfTime));
+        let learnt = self.rails.learnt();
+        let mut change = self.evidence.add(&found.information);
+        if self.evidence.outlive(learnt) && change == Change::None {
+            change = Change::Sudden;
         }
-        if !found.explained() {
-            return self.end_work(Verdict::NotIdentified(Reason::Unexplained));
-        }
-        if found.estimate.contradiction > CONTRADICTION {
-            return self.end_work(Verdict::NotIdentified(Reason::Implausible));
-        }
-        let change = self.evidence.add(&found.information);
         let fit = Fit {
             objective: found.objective,
             unexplained: found.unexplained,
@@ -535,7 +590,7 @@ impl Logger {
             change,
         };
         let elements = self.bridge.elements;
-        let (estimate, passages) = believed(found, &self.evidence, change, elements);
+        let (estimate, passages) = believed(found, &self.evidence, self.rails.learnt(), change, elements);
         let certain = estimate.certain();
         if certain == 0 {
             let hidden = estimate.hidden(elements);
@@ -612,12 +667,18 @@ fn permille(value: &f32) -> u16 {
 
 /// What is believed of the bridge after a passage, and on how many passages it rests: on all of them, unless there is only this
 /// one, it contradicts the others, or it alone shows a damage beyond doubt that is still drowned in them.
-fn believed(found: &Identification, evidence: &Evidence, change: Change, elements: usize) -> (Estimate, f32) {
+fn believed(
+    found: &Identification,
+    evidence: &Evidence,
+    learnt: &LearntTrack,
+    change: Change,
+    elements: usize,
+) -> (Estimate, f32) {
     let passages = evidence.passages();
     if passages <= 1.0 || matches!(change, Change::Outlier | Change::Unusable) {
         return (found.estimate, 1.0);
     }
-    let together = evidence.estimate(elements);
+    let together = evidence.against(learnt).estimate(elements);
     if together.certain() == 0 && found.certain() != 0 {
         (found.estimate, 1.0)
     } else {

@@ -125,7 +125,7 @@ fn experiment() {
         );
         for passage in passages.iter().take(6) {
             let mut observed = passage.observed.clone();
-            observed.track = profile.clone();
+            observed.track.profile = profile.clone();
             let f = observed.identify(1).expect("identifies");
             println!(
                 "true fit {:.1} m/s: u {:.5} centre {:.1?} contradiction {:.1}",
@@ -180,11 +180,7 @@ fn experiment() {
             let damaged = observe(&reduced, &track, if seed < 6 { &[] } else { &damage }, 9000 + seed);
             let observed = damaged.observed.with_track(&found.learnt);
             let f = observed.identify(1).expect("identifies");
-            let squares = observed.mean_squares(&f).expect("squares");
-            (
-                f,
-                host_sim::calibrate::ratio(&found.learnt, &squares) / f64::from(found.learnt.scatter),
-            )
+            (f, found.learnt.misfit(&f.mean_squares))
         })
         .collect();
     for (f, z) in &results {

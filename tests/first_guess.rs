@@ -428,7 +428,7 @@ fn a_logger_without_an_entry_time_identifies_every_passage_and_with_one_only_tha
         }
         let reports = std::iter::from_fn(|| logger.next_event()).filter_map(|event| match event {
             Event::Passage(report) => Some(report.verdict),
-            Event::Alert(_) => None,
+            Event::Alert(_) | Event::Track(_) => None,
         });
         reports.collect()
     };

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro128PlusPlus;
 use spanwatch::bridge::{Damage, ReducedBridge};
-use spanwatch::capacity::{CHANNELS, ELEMENTS};
+use spanwatch::capacity::ELEMENTS;
 use spanwatch::guess::{self, FirstGuess, Progress, Unknown};
 use spanwatch::identify::free_vibration::{
     Compared, FreeVibration, SEARCHED, expected, first_free_sample, free_vibration,
@@ -17,8 +17,7 @@ use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, Identification, MicroG
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, SetupError};
 use spanwatch::passage::{Passage, Stream};
-use spanwatch::track::learnt::LearntTrack;
-use spanwatch::track::profile::Profile;
+use spanwatch::track::learnt::{LearntTrack, UNLEARNT};
 use spanwatch::train::PlanarTrain;
 use spanwatch::wire::message::{Quantity, Ranges};
 
@@ -189,8 +188,8 @@ fn run(problem: &Problem<'_>, search: &mut impl CodeSearch, known: &Known, step:
 pub struct Observed {
     /// The bridge.
     pub bridge: ReducedBridge<f32>,
-    /// The rail's profile.
-    pub track: Profile<f32>,
+    /// What was learnt of the track.
+    pub track: LearntTrack,
     /// Train, sensors and recorder.
     pub observation: Observation<f32>,
     /// Accelerations (displacements) without offset, m/s² (m), channel after channel within a sample; not-a-number where there is none.
@@ -247,7 +246,7 @@ impl Observed {
         let recorder = Recorder::new(sensors, scenario.sample_interval_s().recip() as f32, antialias_hz);
         Ok(Self {
             bridge,
-            track: Profile::SMOOTH,
+            track: UNLEARNT.clone(),
             observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
             samples,
             first_sample: 0,
@@ -350,7 +349,7 @@ impl Observed {
             let train = prepared.recording.train.as_ref().map_or("", TrainName::name);
             bail!("{name}: the logger's search does not know train \"{train}\"");
         };
-        let (bridge, track) = (bridge.cast::<f32>(), Profile::SMOOTH);
+        let (bridge, track) = (bridge.cast::<f32>(), UNLEARNT.clone());
         let start_s = prepared.recording.start_s;
         let duration_s = prepared.recording.duration_s();
         if let Some(entry_s) = traffic.entry_time_s.filter(|entry| !(0.0..duration_s).contains(entry)) {
@@ -484,7 +483,8 @@ impl Observed {
     /// The same passage with what was learnt of the track.
     pub fn with_track(&self, learnt: &LearntTrack) -> Self {
         let mut observed = self.clone();
-        observed.track = learnt.profile.clone();
+        observed.track = learnt.clone();
+        observed.observation.stiffness = learnt.stiffness;
         observed.bridge.rayleigh = observed.bridge.rayleigh.map(|coefficient| coefficient * learnt.damping);
         observed
     }
@@ -501,29 +501,6 @@ impl Observed {
                 damping: tail.damping,
             }),
         }
-    }
-
-    /// Mean squares of the recording and of what is left of it, of each channel.
-    pub fn mean_squares(&self, found: &Identification) -> Result<[[f32; 2]; CHANNELS]> {
-        let hypothesis = Hypothesis {
-            damage: found.estimate.damage,
-            stiffness: found.stiffness,
-            run: found.run,
-        };
-        let simulated = self.simulate_hypothesis(&hypothesis)?;
-        let channels = self.problem().channels();
-        let mut squares = [[0.0_f32; 2]; CHANNELS];
-        for (c, squares) in squares.iter_mut().enumerate().take(channels) {
-            let pairs = self.samples.iter().zip(&simulated).skip(c).step_by(channels);
-            let mut sums = [0.0_f64; 3];
-            for (f, s) in pairs.filter(|(f, _)| !f.is_nan()) {
-                sums[0] += f64::from(f * f);
-                sums[1] += f64::from((f - s) * (f - s));
-                sums[2] += 1.0;
-            }
-            *squares = [(sums[0] / sums[2]) as f32, (sums[1] / sums[2]) as f32];
-        }
-        Ok(squares)
     }
 
     /// The passage simulated with `damage`, m/s² (m), as many samples as were recorded, channel after channel.
@@ -543,7 +520,7 @@ impl Observed {
         Ok((0..rows)
             .flat_map(|_| {
                 simulation
-                    .sample(&self.observation, &self.track)
+                    .sample(&self.observation, &self.track.profile)
                     .into_iter()
                     .take(channels)
             })

@@ -7,8 +7,8 @@ use spanwatch::bridge::ReducedBridge;
 use spanwatch::guess;
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{
-    Alert, BLOCK_COUNTS, Channel, Configuration, Event, Memory, PassageReport, Quantity, Ranges, Status, Traffic,
-    Trigger,
+    Alert, BLOCK_COUNTS, Channel, Configuration, Event, Memory, PassageReport, Quantity, Ranges, Status, TrackReport,
+    Traffic, Trigger,
 };
 
 use crate::recording::Recording;
@@ -49,6 +49,13 @@ pub enum Told {
         /// Beginning of its passage.
         start_s: f64,
     },
+    /// The track has changed.
+    Track {
+        /// What the logger says.
+        report: TrackReport,
+        /// Beginning of the passage that has shown it.
+        start_s: f64,
+    },
 }
 
 /// Reads a recording and everything it needs, and checks it, before any logger is asked. `bridge`, the name of a bridge
@@ -56,12 +63,6 @@ pub enum Told {
 pub fn prepare(path: &Path, bridge: Option<&str>, seed: u64) -> Result<Prepared> {
     let recording = Recording::read(path)?;
     let name = path.display();
-    if recording.track.is_some() {
-        bail!(
-            "{name}: its track is irregular, which the logger's identification does not know yet; without the \
-             key track it takes the track for smooth, and what it finds then is not to be relied on"
-        );
-    }
     let bridge = match bridge.or(recording.bridge.as_deref()) {
         Some(bridge) => {
             let file = model::find(bridge).with_context(|| name.to_string())?;
@@ -149,6 +150,21 @@ fn ranges(recording: &Recording) -> Ranges {
 }
 
 impl Prepared {
+    /// Refuses a recording of a track that is said to be irregular, where none was learnt.
+    ///
+    /// # Errors
+    /// It is one.
+    pub fn refuse_irregular(&self) -> Result<()> {
+        if self.recording.track.is_some() {
+            bail!(
+                "{}: its track is irregular; learn it from healthy passages (host-sim calibrate) and give --track. Without the key \
+                 track in the TOML the track is taken for smooth, and what is found then is not to be relied on",
+                self.path.display()
+            );
+        }
+        Ok(())
+    }
+
     /// What each channel measures.
     pub fn quantities(&self) -> Vec<Quantity> {
         self.configuration
@@ -167,16 +183,20 @@ impl Prepared {
             .collect()
     }
 
-    /// Replays the recording; `tell` hears of everything that the logger says, as it comes. The logger goes on from `evidence`, if
-    /// there is any.
+    /// Replays the recording; `tell` hears of everything that the logger says, as it comes. The logger monitors with the learnt
+    /// `track`, and goes on from `evidence`, if there are any.
     pub fn replay(
         &self,
         station: &mut Station,
+        track: Option<&[u8]>,
         evidence: Option<&[u8]>,
         mut tell: impl FnMut(&Told) -> Result<()>,
     ) -> Result<Status> {
         if let Some(bridge) = &self.bridge {
             station.load(bridge)?;
+        }
+        if let Some(track) = track {
+            station.load_track(track)?;
         }
         station.configure(&self.configuration)?;
         if let Some(evidence) = evidence {
@@ -221,6 +241,10 @@ impl Prepared {
                 Event::Alert(alert) => Told::Alert {
                     start_s: time_s(alert.start_sample),
                     alert,
+                },
+                Event::Track(report) => Told::Track {
+                    start_s: time_s(report.start_sample),
+                    report,
                 },
             })?;
         }

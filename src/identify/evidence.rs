@@ -37,6 +37,9 @@
 //! if the passages' covariances are too small by far, none agrees with any other and nothing is learned any more. The caller
 //! sees both, in the changes that are told.
 //!
+//! **References.** With another learnt track the memories begin anew, since an error of the old one is in all that they say. What was
+//! known by it is kept beside them ([`Evidence::retire`]), as uncertain as that track was, until passages on the new one contradict it.
+//!
 //! **Precision.** The sums are `f32`: each addition rounds by `6e-8` of the sum at most, so a memory of `N` passages is off by `3e-8 N`
 //! at the very worst and `3e-8 N^1/2` as a rule. With some 1e7 passages nothing that never forgets still learns.
 //!
@@ -46,7 +49,7 @@
 //! "SWEV" | format version u8 | CRC-32C of the bridge's blob u32 | postcard of Layout | CRC-32C of all before     little endian
 //! ```
 //!
-//! Cost: 1.4 kB; 812 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
+//! Cost: 1.9 kB; 1077 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
 
 use core::fmt;
 
@@ -56,12 +59,13 @@ use serde::{Deserialize, Serialize};
 use super::estimate::{Estimate, Information};
 use crate::capacity::ELEMENTS;
 use crate::math::{self, Real};
+use crate::track::learnt::{LearntTrack, UNLEARNT};
 use crate::wire::CRC32C;
 
 /// Version of the layout; a reader accepts its own only.
-pub const FORMAT_VERSION: u8 = 1;
+pub const FORMAT_VERSION: u8 = 2;
 /// Bytes of an [`Evidence`] as written by [`Evidence::to_bytes`].
-pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 3 * (1 + 4 * PACKED) + 4 * 4 + CRC_BYTES;
+pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 4 * (1 + 4 * PACKED) + 5 * 4 + CRC_BYTES;
 const MAGIC: [u8; 4] = *b"SWEV";
 const HEAD_BYTES: usize = MAGIC.len() + 1 + 4;
 const CRC_BYTES: usize = 4;
@@ -242,6 +246,8 @@ pub struct Evidence {
     settling: f32,
     /// The last passage, if it contradicted all before it.
     stranger: Option<Memory>,
+    /// What is known by earlier references of the track.
+    earlier: Memory,
 }
 
 impl Evidence {
@@ -253,6 +259,7 @@ impl Evidence {
             recent: Memory::EMPTY,
             settling: 0.0,
             stranger: None,
+            earlier: Memory::EMPTY,
         }
     }
 
@@ -280,6 +287,7 @@ impl Evidence {
             self.long = Memory::EMPTY;
             self.settling = 0.0;
             self.stranger = None;
+            self.earlier = Memory::EMPTY;
             return Change::Sudden;
         }
         self.stranger = None;
@@ -294,6 +302,7 @@ impl Evidence {
         }
         if contradict(&self.recent, &self.long) {
             self.long = Memory::EMPTY;
+            self.earlier = Memory::EMPTY;
             self.settling = SETTLING * self.forgetting.recent;
             return Change::Sudden;
         }
@@ -305,14 +314,44 @@ impl Evidence {
         self.long.information.plus(&self.recent.information)
     }
 
-    /// The losses of a bridge of so many elements that explain all that is remembered best.
+    /// All that is known of the bridge: what is remembered, by the track as it was learnt, and what was known by earlier ones.
+    pub fn against(&self, track: &LearntTrack) -> Information {
+        self.earlier.information.plus(&track.relative(&self.information()))
+    }
+
+    /// Another track is learnt: what is remembered by this one is kept with the weight that it has by it, and the memories begin anew.
+    pub fn retire(&mut self, track: &LearntTrack) {
+        let known = Memory {
+            information: self.against(track),
+            passages: self.passages(),
+        };
+        *self = Self {
+            earlier: known,
+            ..Self::new(self.forgetting)
+        };
+    }
+
+    /// Gives up what was known by earlier tracks, if what is remembered by this one contradicts it; tells whether it did.
+    pub fn outlive(&mut self, track: &LearntTrack) -> bool {
+        let now = Memory {
+            information: track.relative(&self.information()),
+            passages: self.long.passages + self.recent.passages,
+        };
+        let outlived = contradict(&now, &self.earlier);
+        if outlived {
+            self.earlier = Memory::EMPTY;
+        }
+        outlived
+    }
+
+    /// The losses of a bridge of so many elements that explain all that is remembered best, the track being known.
     pub fn estimate(&self, elements: usize) -> Estimate {
-        self.information().estimate(elements)
+        self.against(&UNLEARNT).estimate(elements)
     }
 
     /// Effective number of passages that are remembered.
     pub fn passages(&self) -> f32 {
-        self.long.passages + self.recent.passages
+        self.long.passages + self.recent.passages + self.earlier.passages
     }
 
     /// Writes it into `buffer` and returns the part of it that is used, [`EVIDENCE_BYTES`]; none if there is no room.
@@ -323,10 +362,12 @@ impl Evidence {
             long: pack(&self.long.information),
             recent: pack(&self.recent.information),
             stranger: pack(&self.stranger.unwrap_or(Memory::EMPTY).information),
+            earlier: pack(&self.earlier.information),
             passages: [
                 self.long.passages,
                 self.recent.passages,
                 self.stranger.map_or(0.0, |stranger| stranger.passages),
+                self.earlier.passages,
             ],
             settling: self.settling,
         };
@@ -373,7 +414,7 @@ impl Evidence {
                 .filter(|_| sound && empty == (passages == 0.0))
                 .ok_or(EvidenceError::Contents)
         };
-        let [long, recent, stranger] = layout.passages;
+        let [long, recent, stranger, earlier] = layout.passages;
         if !rest.is_empty() || !(0.0..=f32::MAX).contains(&layout.settling) {
             return Err(EvidenceError::Contents);
         }
@@ -383,6 +424,7 @@ impl Evidence {
             recent: memory(&layout.recent, recent)?,
             settling: layout.settling,
             stranger: Some(memory(&layout.stranger, stranger)?).filter(|stranger| stranger.passages > 0.0),
+            earlier: memory(&layout.earlier, earlier)?,
         })
     }
 }
@@ -415,7 +457,8 @@ struct Layout {
     long: Vec<f32, PACKED>,
     recent: Vec<f32, PACKED>,
     stranger: Vec<f32, PACKED>,
-    passages: [f32; 3],
+    earlier: Vec<f32, PACKED>,
+    passages: [f32; 4],
     settling: f32,
 }
 

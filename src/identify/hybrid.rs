@@ -97,6 +97,8 @@ pub struct Identification {
     pub objective_healthy: f32,
     /// Part of the recording's power that is not explained, on average over the channels.
     pub unexplained: f32,
+    /// Mean squares of the recording and of its residuals, of each channel, (m/s²)² (m²).
+    pub mean_squares: [[f32; 2]; CHANNELS],
     /// The best explanation in which the most certain element is whole.
     pub rival: Option<Rival>,
     /// Forward solves, a derivative at its true cost.
@@ -556,7 +558,7 @@ impl Hybrid {
         Identification {
             estimate: Estimate {
                 damage,
-                ..information.estimate(problem.bridge.elements)
+                ..problem.track.relative(&information).estimate(problem.bridge.elements)
             },
             information,
             code: DamageCode::nearest(&damage),
@@ -572,6 +574,7 @@ impl Hybrid {
             objective: descent.residuals().mean(),
             objective_healthy: self.objective_healthy,
             unexplained: descent.residuals().unexplained(&self.power),
+            mean_squares: core::array::from_fn(|c| [&self.power, descent.residuals()].map(|of| of.mean_of(c))),
             rival: None,
             forward_solves: 0,
             generations: 0,

@@ -30,7 +30,7 @@ use crate::bridge::{Damage, ReducedBridge};
 use crate::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
 use crate::interaction::sensitivity::STIFFNESS;
 use crate::interaction::{Hypothesis, Observation, SetupError, Simulation};
-use crate::track::profile::Profile;
+use crate::track::learnt::LearntTrack;
 
 /// Part of a channel's power that counts as its noise at least: the square of what `f32` and the step leave in the
 /// solution, 1e-4 of the signal.
@@ -41,8 +41,8 @@ pub const EXPLAINED: f32 = 1e-8;
 pub struct Problem<'a> {
     /// The bridge.
     pub bridge: &'a ReducedBridge<f32>,
-    /// The rail's profile.
-    pub track: &'a Profile<f32>,
+    /// What was learnt of the track.
+    pub track: &'a LearntTrack,
     /// Train, sensors and recorder; time 0 is that of the first sample.
     pub observation: &'a Observation<f32>,
     /// What was recorded, m/s² (m), channel after channel within a sample; not-a-number where there is none.
@@ -95,6 +95,14 @@ impl Squares {
     /// Values, over all channels; at least 1.
     pub fn values(&self) -> f32 {
         self.count.iter().sum::<f32>().max(1.0)
+    }
+
+    /// Mean square of channel `c`; 0 if there is none.
+    pub fn mean_of(&self, c: usize) -> f32 {
+        match (self.sum.get(c), self.count.get(c)) {
+            (Some(sum), Some(&count)) if count > 0.0 => sum / count,
+            _ => 0.0,
+        }
     }
 
     /// Mean square over all channels: [`OBJ`](self) if these are residuals.
@@ -190,7 +198,7 @@ impl<'a> Problem<'a> {
 
     /// Simulates the passage by a hypothesis: one forward solve, as an endless row of samples.
     pub fn simulate(&self, hypothesis: &Hypothesis<f32>) -> Result<Simulation<f32, MODES>, SetupError> {
-        Simulation::new(self.bridge, hypothesis, self.observation, self.track)
+        Simulation::new(self.bridge, hypothesis, self.observation, &self.track.profile)
     }
 
     /// What the free vibration says of `theta`: an eigenproblem for each kind of quantity, a thousandth of a forward solve.
@@ -204,7 +212,7 @@ impl<'a> Problem<'a> {
         let (damage, factors) = (
             losses(theta),
             Factors {
-                stiffness: 1.0 + theta[STIFFNESS],
+                stiffness: self.observation.stiffness * (1.0 + theta[STIFFNESS]),
                 ..Factors::default()
             },
         );
@@ -228,7 +236,10 @@ impl<'a> Problem<'a> {
         })?;
         let mut residuals = Squares::NONE;
         for recorded in self.recorded() {
-            residuals.add(residual(recorded, &simulation.sample(self.observation, self.track)));
+            residuals.add(residual(
+                recorded,
+                &simulation.sample(self.observation, &self.track.profile),
+            ));
         }
         Ok(residuals.mean())
     }

@@ -206,7 +206,7 @@ impl Pass {
             bridge,
             &hypothesis,
             observation,
-            problem.track,
+            &problem.track.profile,
             free,
             &mut self.simulation,
         )?;
@@ -255,7 +255,7 @@ impl Pass {
             track,
             ..
         } = *problem;
-        Simulation::begin(bridge, hypothesis, observation, track, &mut self.simulation)?;
+        Simulation::begin(bridge, hypothesis, observation, &track.profile, &mut self.simulation)?;
         self.row = 0;
         Ok(())
     }
@@ -292,18 +292,23 @@ impl Pass {
                         problem,
                         self.row,
                         recorded,
-                        &simulation.sample(observation, problem.track),
+                        &simulation.sample(observation, &problem.track.profile),
                     );
                 }
                 Sums::Linearisation(normal, weights) => {
-                    let (sample, rows) = self.sensitivities.sample(simulation, observation, problem.track);
+                    let (sample, rows) = self
+                        .sensitivities
+                        .sample(simulation, observation, &problem.track.profile);
                     normal.add(&residual(recorded, &sample), &rows, weights);
                 }
                 Sums::Correlation(correlation) => {
-                    correlation.add(&residual(recorded, &simulation.sample(observation, problem.track)));
+                    correlation.add(&residual(
+                        recorded,
+                        &simulation.sample(observation, &problem.track.profile),
+                    ));
                 }
                 Sums::Growth(bins) => {
-                    let simulated: [f32; CHANNELS] = simulation.sample(observation, problem.track);
+                    let simulated: [f32; CHANNELS] = simulation.sample(observation, &problem.track.profile);
                     bins.push(self.row, growth::energy(observation, recorded, &simulated));
                 }
             }

@@ -119,7 +119,7 @@ pub fn with_losses(mut theta: Theta, damage: &Damage<f32>) -> Theta {
 pub fn hypothesis(theta: &Theta, observation: &Observation<f32>) -> Hypothesis<f32> {
     let mut hypothesis = observation.expected();
     hypothesis.damage = losses(theta);
-    hypothesis.stiffness += theta[STIFFNESS];
+    hypothesis.stiffness *= 1.0 + theta[STIFFNESS];
     hypothesis.run.speed_mps *= 1.0 + theta[SPEED];
     hypothesis.run.entry_time_s += theta[ENTRY];
     hypothesis.run.load_factor *= 1.0 + theta[LOAD];

@@ -45,7 +45,9 @@ pub struct Observation<T: Real> {
     pub cars: TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>,
     /// How it runs; the entry time counts from the first sample.
     pub run: Run<T>,
-    /// How far off the run may be.
+    /// Stiffness of the whole bridge, as a part of its model's.
+    pub stiffness: T,
+    /// How far off run and stiffness may be.
     pub ranges: Ranges,
     /// Sensors and recorder.
     pub recorder: Recorder<T>,
@@ -77,7 +79,7 @@ impl<T: Real> Observation<T> {
     pub fn expected(&self) -> Hypothesis<T> {
         Hypothesis {
             damage: [T::zero(); ELEMENTS],
-            stiffness: T::one(),
+            stiffness: self.stiffness,
             run: self.run,
         }
     }
@@ -91,6 +93,7 @@ impl<T: Real> Observation<T> {
         Ok(Self {
             cars: TrainSteps::new(train, scheme, step_s)?,
             run,
+            stiffness: T::one(),
             ranges: Ranges::HELD,
             filter: AntiAlias::new(recorder.antialias_hz, step_s),
             recorder,

@@ -2,7 +2,7 @@
 //!
 //! | item | waits in | its first piece |
 //! |---|---|---|
-//! | bridge model | the [`room`](super::room) of the identification | ends an identification in progress, which is reported as [`Reason::Interrupted`] |
+//! | bridge model, learnt track | the [`room`](super::room) of the identification | ends an identification in progress, which is reported as [`Reason::Interrupted`] |
 //! | evidence, either way | a buffer of its own, 812 bytes | disturbs nothing |
 //!
 //! Pieces come in order from offset 0 on; a new first piece begins anew. A passage that comes while a model is on its way is identified
@@ -25,6 +25,8 @@ use crate::wire::message::{CHUNK_BYTES, Chunk, Outcome, Reason, Verdict};
 pub enum Item {
     /// A bridge model, for [`Logger::load`].
     Model,
+    /// A learnt track, for [`Logger::load_track`].
+    Track,
     /// An evidence, for [`Logger::restore`].
     Evidence,
 }
@@ -111,7 +113,9 @@ impl<const N: usize> Pieces<N> {
 }
 
 impl Logger {
+    // Not inlined: what reads a whole model or evidence must not stand on the stack under a passage that has come.
     /// Takes a piece of `item`, and the whole once the last piece is there.
+    #[inline(never)]
     pub fn take_piece(&mut self, item: Item, chunk: &Chunk) -> Outcome {
         let piece = Piece {
             item,
@@ -125,7 +129,7 @@ impl Logger {
             _ => {}
         }
         let outcome = match item {
-            Item::Model => self.take_into_room(item, chunk),
+            Item::Model | Item::Track => self.take_into_room(item, chunk),
             Item::Evidence => match self.deliveries.evidence.take(chunk) {
                 Taken::Part => Outcome::Done,
                 Taken::Whole => self.restore_delivered(),
@@ -168,8 +172,22 @@ impl Logger {
         match pieces.take(chunk) {
             Taken::Refused => Outcome::Chunk,
             Taken::Part => Outcome::Done,
-            Taken::Whole => adopt(&pieces.bytes, &mut self.bridge, &mut self.model_crc, &mut self.evidence)
-                .map_or_else(Outcome::Model, |()| Outcome::Done),
+            Taken::Whole if item == Item::Track => {
+                (self
+                    .rails
+                    .adopt(&pieces.bytes, &mut self.bridge, self.model_crc, &mut self.evidence))
+                .map_or_else(Outcome::Track, |()| Outcome::Done)
+            }
+            Taken::Whole => {
+                let before = self.model_crc;
+                match adopt(&pieces.bytes, &mut self.bridge, &mut self.model_crc, &mut self.evidence) {
+                    Ok(()) => {
+                        self.rails.follow(&mut self.bridge, before == self.model_crc);
+                        Outcome::Done
+                    }
+                    Err(error) => Outcome::Model(error),
+                }
+            }
         }
     }
 

@@ -10,8 +10,10 @@
 //! are its vertical, lateral and rolling [`Motion`]. `x` points along the track from node 1, `y` to the left, `z` up;
 //! `theta` is positive about `x`: the left wheel rises.
 
+pub mod blob;
 pub mod learnt;
 pub mod profile;
+pub mod watch;
 
 use crate::math::Real;
 

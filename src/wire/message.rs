@@ -11,9 +11,10 @@ use crate::capacity::{CHANNELS, ELEMENTS};
 use crate::identify::evidence::{Change, EvidenceError};
 use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
+use crate::track::blob::TrackError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 5;
+pub const VERSION: u8 = 6;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -40,6 +41,8 @@ pub enum Request {
     },
     /// A piece of what an earlier logger sent: go on from there.
     Restore(Chunk),
+    /// A piece of a learnt track's blob.
+    Track(Chunk),
 }
 
 /// What a logger says to each request.
@@ -61,6 +64,35 @@ pub enum Event {
     Passage(PassageReport),
     /// Damage, beyond doubt.
     Alert(Alert),
+    /// The track is not the one that was learnt any more.
+    Track(TrackReport),
+}
+
+/// A passage has shown that the track has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TrackReport {
+    /// Number of the passage since the start, from 1.
+    pub passage: u32,
+    /// Index of the first sample of its motion.
+    pub start_sample: u64,
+    /// Deviations by which it leaves more unexplained than healthy passages did.
+    pub misfit: f32,
+    /// The same on a running mean of the last twenty.
+    pub mean_misfit: f32,
+}
+
+/// What is known of the track.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TrackState {
+    /// Nothing was learnt: it is taken for smooth.
+    #[default]
+    Unknown,
+    /// It was learnt.
+    Learnt,
+    /// It was, and has changed since.
+    Changed,
 }
 
 /// How a logger reads its sensors and when it speaks of a passage.
@@ -272,6 +304,8 @@ pub enum Outcome {
     Chunk,
     /// The evidence cannot be gone on from.
     Evidence(EvidenceError),
+    /// The track was refused.
+    Track(TrackError),
 }
 
 /// What was wrong with the samples of a passage, counted over all channels.
@@ -399,6 +433,10 @@ pub enum Reason {
     OutOfTime,
     /// It is explained only if elements gain stiffness: train, track or bridge are not those of the model.
     Implausible,
+    /// The track is not the one that was learnt, or the train none of those.
+    AnotherTrack,
+    /// No train of this kind and speed was among those that the track was learnt from.
+    Uncalibrated,
 }
 
 /// Damage: which elements, how much, how sure, on what evidence.
@@ -504,6 +542,8 @@ pub struct Status {
     pub quality: Quality,
     /// An identification is running.
     pub busy: bool,
+    /// What is known of the track.
+    pub track: TrackState,
     /// What the work has cost.
     pub effort: Effort,
     /// The board's own state.

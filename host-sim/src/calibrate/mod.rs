@@ -22,7 +22,7 @@
 //! B = G (Cov(s) + drift C) G^T        summed over the kinds of train: no mixture of them has more
 //! ```
 //!
-//! is the variance that no number of passages averages away; its inverse goes to the logger. `drift C` is the largest change of
+//! is the variance that no number of passages averages away. `drift C` is the largest change of
 //! the track that the logger's test of the track cannot see. It is most of `B`: sixty passages of sixteen cars leave 0.1 to 0.3 points
 //! of an element of girder50 open, but a change of the rails by a hundredth of a millimetre (waves below 20 m) is not seen, and may pass for 1 to 5.
 
@@ -30,17 +30,24 @@ pub mod known;
 mod linear;
 mod recorded;
 
-use anyhow::{Result, anyhow, bail};
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail};
 use nalgebra::{DMatrix, DVector, SMatrix};
+use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::identify::Identification;
 use spanwatch::interaction::{Direction, Run};
-use spanwatch::track::learnt::{LearntTrack, Unexplained, speed_band};
+use spanwatch::track::blob;
+use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Stretch};
+use spanwatch::track::watch::unseen;
+use spanwatch::wire::CRC32C;
 use spanwatch::wire::message::TrainKind;
 
 use crate::batch::each;
 use crate::identification::Observed;
+use crate::model::to_blob;
 use crate::track::Spectrum;
 use crate::track::prior::covariance;
 use linear::{COEFFICIENTS, Linear, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
@@ -61,6 +68,8 @@ const SETTLED: f64 = 1e-3;
 const OUTLYING: f64 = 6.0;
 /// The robust deviation is at least this: a passage a fifth worse than the rest is none the worse for it.
 const LEAST_SCATTER: f64 = 0.05;
+/// Standard deviation that each loss has at least: less than any that matters, and the covariance keeps its factor.
+const LEAST_FLOOR: f64 = 1e-4;
 /// Fewest passages that can be called a reference.
 const FEWEST: usize = 5;
 /// Part of its samples that a passage may lack.
@@ -445,9 +454,9 @@ impl Joint {
             profile: self.shared.profile(&self.knots),
             stiffness: self.shared.stiffness as f32,
             damping: self.shared.damping as f32,
-            reference: SMatrix::zeros(),
+            spread: SMatrix::zeros(),
             unexplained: [Unexplained::default(); CHANNELS],
-            scatter: 0.0,
+            scatter: 1.0,
             passages: candidates.len() as u16,
             speeds: [0; 2],
         };
@@ -457,17 +466,22 @@ impl Joint {
         // As the logger will: each passage once more, with what was learnt.
         let monitored = each(candidates, |(_, candidate)| {
             let observed = candidate.passage.observed.with_track(&learnt);
-            let found = observed.identify(options.seed)?;
-            Ok((found, observed.mean_squares(&found)?))
+            observed.identify(options.seed)
         })
         .into_iter()
         .collect::<Result<Vec<_>>>()?;
         let channels = candidates[0].1.passage.observed.problem().channels();
         for (c, unexplained) in learnt.unexplained.iter_mut().enumerate().take(channels) {
-            let pairs: Vec<[f64; 2]> = monitored.iter().map(|(_, squares)| squares[c].map(f64::from)).collect();
+            let pairs: Vec<[f64; 2]> = monitored
+                .iter()
+                .map(|found| found.mean_squares[c].map(f64::from))
+                .collect();
             *unexplained = noise(&pairs);
         }
-        let ratios: Vec<f64> = monitored.iter().map(|(_, squares)| ratio(&learnt, squares)).collect();
+        let ratios: Vec<f64> = monitored
+            .iter()
+            .map(|found| learnt.misfit(&found.mean_squares).into())
+            .collect();
         let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
         let variance = ratios.iter().map(|ratio| (ratio - mean).powi(2)).sum::<f64>() / (ratios.len() - 1) as f64;
         learnt.scatter = variance.sqrt() as f32;
@@ -475,14 +489,15 @@ impl Joint {
             unexplained.floor *= mean.exp() as f32;
             unexplained.part *= mean.exp() as f32;
         }
-        let floor = self.floor(candidates, solved, &solved.covariance, drift(&learnt))?;
-        let inverse = floor.try_inverse();
-        if let Some(inverse) = inverse {
-            learnt.reference = SMatrix::from_fn(|i, j| (0.5 * (inverse[(i, j)] + inverse[(j, i)])) as f32);
-        }
+        let floor = self.floor(candidates, solved, &solved.covariance, unseen(&learnt).into())?;
+        let Some(factor) = floor.cholesky() else {
+            bail!("the reference is no covariance: the passages contradict themselves");
+        };
+        let lower = factor.l();
+        learnt.spread = SMatrix::from_fn(|i, j| lower[(i, j)] as f32);
         Ok((
             learnt,
-            monitored.iter().map(|(found, _)| found.unexplained).collect(),
+            monitored.iter().map(|found| found.unexplained).collect(),
             deviations(&floor),
         ))
     }
@@ -499,7 +514,7 @@ impl Joint {
         let n = covariance.nrows();
         let s = n - ELEMENTS;
         let unknown = covariance.view((ELEMENTS, ELEMENTS), (s, s));
-        let mut floor = SMatrix::zeros();
+        let mut floor = SMatrix::<f64, ELEMENTS, ELEMENTS>::identity() * LEAST_FLOOR.powi(2);
         for kind in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
             let of_kind: Vec<&Linear> = (candidates.iter().zip(&solved.passages))
                 .filter(|((_, candidate), _)| candidate.passage.train == kind)
@@ -565,6 +580,35 @@ fn promise(passages: &[Linear], step: &DVector<f64>) -> f64 {
     gain / values
 }
 
+impl Calibration {
+    /// For the logger's memory, with the model of the bridge that it was learnt with.
+    ///
+    /// # Errors
+    /// If the numbers have no room in a blob.
+    pub fn to_blob(&self, bridge: &ReducedBridge<f64>) -> Result<Vec<u8>> {
+        let coefficients: Vec<f32> = self.coefficients.iter().map(|&c| c as f32).collect();
+        let mut buffer = [0; blob::TRACK_BLOB_BYTES];
+        Ok(blob::write(&self.learnt, &coefficients, bridge_crc(bridge)?, &mut buffer)?.to_vec())
+    }
+}
+
+/// Reads a track that was learnt with this model of its bridge.
+///
+/// # Errors
+/// If it cannot be read, or is refused.
+pub fn read(path: &Path, bridge: &ReducedBridge<f64>) -> Result<LearntTrack> {
+    let name = path.display();
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
+    let mut learnt = UNLEARNT.clone();
+    blob::read_into(&bytes, bridge_crc(bridge)?, &mut learnt).with_context(|| name.to_string())?;
+    Ok(learnt)
+}
+
+/// By what a track knows its bridge.
+fn bridge_crc(bridge: &ReducedBridge<f64>) -> Result<u32> {
+    Ok(CRC32C.checksum(&to_blob(bridge)?))
+}
+
 /// The places of what is explained far worse than the rest.
 fn outlying(unexplained: &[f64]) -> Vec<usize> {
     let logs: Vec<f64> = unexplained.iter().map(|part| part.ln()).collect();
@@ -614,18 +658,4 @@ fn noise(pairs: &[[f64; 2]]) -> Unexplained {
         floor: floor as f32,
         part: part as f32,
     }
-}
-
-/// Mean over the channels of the logarithm of what is left over what is expected to be.
-pub fn ratio(learnt: &LearntTrack, squares: &[[f32; 2]; CHANNELS]) -> f64 {
-    let logs: Vec<f64> = (squares.iter().zip(&learnt.unexplained))
-        .filter(|([power, _], _)| *power > 0.0)
-        .map(|([power, left], expected)| f64::from(left / (expected.floor + expected.part * power)).ln())
-        .collect();
-    logs.iter().sum::<f64>() / logs.len() as f64
-}
-
-/// Part by which the power left may grow unseen.
-fn drift(learnt: &LearntTrack) -> f64 {
-    (6.5 * f64::from(learnt.scatter) / 39.0_f64.sqrt()).exp_m1()
 }

@@ -12,6 +12,7 @@ use host_sim::station::words::calibration::{self as words, Gain};
 use host_sim::track::{Spectrum, table};
 use host_sim::{model, output, picture, terminal};
 use serde_json::{Value, json};
+use spanwatch::bridge::ReducedBridge;
 
 /// Length of the stretches by which is told how well the profile is known, m; before the bridge there are so many.
 const STRETCH_M: f64 = 10.0;
@@ -58,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let bridge_crc = one_bridge(&recordings)?;
+    let bridge = one_bridge(&recordings)?.clone();
     for path in [
         Some(&arguments.output),
         arguments.svg.as_ref(),
@@ -107,6 +108,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         .filter_map(|before| before.or_else(|| told.next()))
         .collect();
 
+    // Before anything is written: what cannot be kept is no result.
+    let blob = calibration.to_blob(&bridge)?;
     let elements = passages[0].observed.bridge.elements;
     let length_m = f64::from(passages[0].observed.bridge.path.length_m());
     let short = calibration.short_waves();
@@ -121,7 +124,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.passage_svg {
         draw_passage(path, &passages, &calibration, arguments.seed)?;
     }
-    save(&calibration, bridge_crc, &arguments.output)?;
+    output::write(&[(&arguments.output, &blob)])?;
     let names: Vec<String> = recordings
         .iter()
         .map(|prepared| prepared.path.display().to_string())
@@ -131,11 +134,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         return super::print_json(&as_json(&calibration, &told, &stretches, elements, arguments.damaged));
     }
     super::print(&in_words(&calibration, &told, &stretches, elements, arguments))
-}
-
-/// Writes what was learnt for the logger, bound to its bridge model.
-fn save(_: &Calibration, _bridge_crc: u32, path: &Path) -> Result<()> {
-    bail!("{}: a learnt track cannot be written yet", path.display())
 }
 
 /// Nothing that is written may take the place of something that is read, or of something else that is written.
@@ -166,9 +164,9 @@ fn check_names(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The checksum of the model of the bridge that all recordings are of.
-fn one_bridge(recordings: &[Prepared]) -> Result<u32> {
-    let mut first: Option<(&Prepared, Vec<u8>)> = None;
+/// The bridge that all recordings are of.
+fn one_bridge(recordings: &[Prepared]) -> Result<&ReducedBridge<f64>> {
+    let mut first: Option<(&Prepared, &ReducedBridge<f64>, Vec<u8>)> = None;
     for prepared in recordings {
         let name = prepared.path.display();
         let missing = prepared.missing_keys();
@@ -185,19 +183,18 @@ fn one_bridge(recordings: &[Prepared]) -> Result<u32> {
         };
         let blob = model::to_blob(bridge)?;
         match &first {
-            None => first = Some((prepared, blob)),
-            Some((other, known)) if *known != blob => bail!(
+            None => first = Some((prepared, bridge, blob)),
+            Some((other, of, known)) if *known != blob => bail!(
                 "{} is of bridge \"{}\", {name} of \"{}\"; a track is learnt from recordings of one bridge",
                 other.path.display(),
-                other.bridge.as_ref().map_or("", |bridge| bridge.name.as_str()),
+                of.name,
                 bridge.name
             ),
             Some(_) => {}
         }
     }
-    let end = first.and_then(|(_, blob)| blob.last_chunk().copied());
-    end.map(u32::from_le_bytes)
-        .context("there is no recording to learn from")
+    let bridge = first.map(|(_, bridge, _)| bridge);
+    bridge.context("there is no recording to learn from")
 }
 
 /// Draws the passage that is neither the best nor the worst explained.

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use host_sim::identification::{self, Found, Known, Method, Observed, search};
 use host_sim::replay::{self, Prepared};
 use host_sim::station::words::identification::{self as words, How, Number, Ran};
-use host_sim::{output, picture, terminal};
+use host_sim::{calibrate, output, picture, terminal};
 use serde_json::{Value, json};
 use spanwatch::identify::{Identification, paper_ga};
 
@@ -44,6 +44,9 @@ pub(super) struct Arguments {
     /// The bridge, where it is not the one that the recording names: a name or a bridge file NAME.toml
     #[arg(long)]
     bridge: Option<String>,
+    /// A track that was learnt (host-sim calibrate)
+    #[arg(long, value_name = "FILE.blob")]
+    track: Option<PathBuf>,
     /// What is compared of the free vibration after the train, in place of its samples
     #[arg(long, value_enum, default_value_t = Tail::None)]
     free_vibration: Tail,
@@ -57,6 +60,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let prepared = replay::prepare(&arguments.recording, arguments.bridge.as_deref(), arguments.seed)?;
+    if arguments.track.is_none() {
+        prepared.refuse_irregular()?;
+    }
     if arguments.free_vibration != Tail::None && arguments.method != Search::Hybrid {
         bail!("--free-vibration goes with --method hybrid: the paper's search compares samples only");
     }
@@ -64,6 +70,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let observed = match arguments.free_vibration {
         Tail::None => Observed::recorded(&prepared)?,
         _ => Observed::recorded_with_tail(&prepared, damping, arguments.seed)?,
+    };
+    let observed = match (&arguments.track, &prepared.bridge) {
+        (Some(path), Some(bridge)) => observed.with_track(&calibrate::read(path, bridge)?),
+        _ => observed,
     };
     if let Some(path) = &arguments.svg {
         output::check(path)?;

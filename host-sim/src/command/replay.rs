@@ -32,6 +32,9 @@ pub(super) struct Arguments {
     /// recording stands alone
     #[arg(long, value_name = "FILE")]
     evidence: Option<PathBuf>,
+    /// A track that was learnt (host-sim calibrate): the logger monitors with it
+    #[arg(long, value_name = "FILE.blob")]
+    track: Option<PathBuf>,
     /// Seed of the logger's search
     #[arg(long, default_value_t = replay::DEFAULT_SEED)]
     seed: u64,
@@ -49,6 +52,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         .iter()
         .map(|path| replay::prepare(path, arguments.bridge.as_deref(), arguments.seed))
         .collect::<Result<Vec<_>>>()?;
+    let track = match &arguments.track {
+        Some(path) => Some(std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?),
+        None => {
+            prepared.iter().try_for_each(replay::Prepared::refuse_irregular)?;
+            None
+        }
+    };
     let mut qemu = QemuOptions {
         show_log: arguments.log,
         ..QemuOptions::default()
@@ -87,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             };
             super::print(&format!("{source}{open}\n"))?;
         }
-        let status = prepared.replay(&mut station, evidence.as_deref(), |told| match told {
+        let status = prepared.replay(&mut station, track.as_deref(), evidence.as_deref(), |told| match told {
             Told::Passage { report, start_s, end_s } => {
                 passages += 1;
                 if arguments.json {
@@ -97,6 +107,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                         "  {}\n",
                         words::passage(report, &prepared.quantities(), *start_s, *end_s)
                     ))
+                }
+            }
+            Told::Track { report, start_s } => {
+                if arguments.json {
+                    super::print_json(&json!({
+                        "event": "track",
+                        "recording": source,
+                        "state": "changed",
+                        "passage": report.passage,
+                        "start_s": start_s,
+                        "misfit": report.misfit,
+                        "mean_misfit": report.mean_misfit,
+                    }))
+                } else {
+                    super::print(&format!("  {}\n", words::track_changed(report, *start_s)))
                 }
             }
             Told::Alert { alert, start_s } => {

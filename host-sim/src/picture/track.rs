@@ -65,6 +65,8 @@ pub fn irregularity(path: &Path, title: &str, track: &Profile) -> Result<()> {
 const AROUND_M: [f64; 2] = [10.0, 5.0];
 /// Next to its ends a profile is forced to be level, and not shown, m.
 const MARGIN_M: f64 = 15.0;
+/// The band is magnified so that its median on the bridge takes one part in so many of the height.
+const SEEN: f64 = 3.0;
 /// Deviations that a band reaches to either side.
 const BAND: f64 = 2.0;
 
@@ -125,21 +127,23 @@ pub fn learnt(
         }
         let top = HEAD + 2.0 * (CAPTION + ROW + AXIS) + CAPTION;
         let caption = match &truth {
-            Some(_) => "at the bridge: how wide the band is, and the truth in it",
-            None => "at the bridge: how wide the band is",
+            Some(_) => "at the bridge, less what was learnt: the band and the truth in it",
+            None => "at the bridge, less what was learnt: the band",
         };
         canvas.text(caption, LEFT, top - 14.0, BODY, INK, HPos::Left)?;
-        let inside = || (short.iter().enumerate()).filter(|(_, at)| (near[0]..=near[1]).contains(&at.x_m));
-        let error = |i: usize| truth.as_ref().map_or(0.0, |truth| truth[i] - short[i].height_m);
-        let reach = inside()
-            .map(|(i, at)| 1e6 * (BAND * at.deviation_m).max(error(i).abs()))
-            .fold(1.0, f64::max);
+        // Beside the bridge the band is as wide as tracks are; what is known on it shall be seen.
+        let mut widths: Vec<f64> = (short.iter())
+            .filter(|at| (0.0..=length_m).contains(&at.x_m))
+            .map(|at| 1e6 * BAND * at.deviation_m)
+            .collect();
+        widths.sort_by(f64::total_cmp);
+        let reach = SEEN * widths.get(widths.len() / 2).copied().unwrap_or(1.0).max(1e-3);
         let panel = Panel {
             canvas,
             top,
             height: ROW,
             ends: near,
-            reach: 1.08 * reach,
+            reach,
             length_m,
         };
         panel.draw(&short, truth.as_deref(), &|_| 0.0, 1.0, "µm")

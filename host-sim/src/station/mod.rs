@@ -79,6 +79,11 @@ impl Station {
         self.send_whole(&model::to_blob(bridge)?, Request::Model)
     }
 
+    /// Gives the logger a learnt track, as [`calibrate`](crate::calibrate) writes it.
+    pub fn load_track(&mut self, track: &[u8]) -> Result<()> {
+        self.send_whole(track, Request::Track)
+    }
+
     /// What all passages say of the bridge, as the logger keeps it.
     pub fn evidence(&mut self) -> Result<Vec<u8>> {
         let mut bytes = vec![];
@@ -246,6 +251,7 @@ fn done(answer: Acknowledgement) -> Result<bool> {
         Outcome::Done => Ok(answer.busy),
         Outcome::Configuration(error) => bail!("the logger refuses its configuration: {error}"),
         Outcome::Model(error) => bail!("the logger refuses the bridge model: {error}"),
+        Outcome::Track(error) => bail!("the logger refuses the track: {error}"),
         Outcome::Samples => bail!("the logger refuses the samples: it has no configuration, or they fit no channels"),
         Outcome::Chunk => {
             bail!("the logger refuses a piece of the bridge model or the evidence: it is out of order or too long")

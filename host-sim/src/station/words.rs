@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use spanwatch::identify::evidence::Change;
 use spanwatch::wire::message::{
-    Alert, Fit, PassageReport, Quality, Quantity, Reason, Restart, Status, Trigger, Verdict,
+    Alert, Fit, PassageReport, Quality, Quantity, Reason, Restart, Status, TrackReport, Trigger, Verdict,
 };
 
 use crate::recording::Recording;
@@ -53,6 +53,16 @@ pub fn passage(report: &PassageReport, quantities: &[Quantity], start_s: f64, en
         let _ = write!(text, " Among its samples {}.", faults(&report.quality));
     }
     text
+}
+
+/// The track has changed.
+pub fn track_changed(report: &TrackReport, start_s: f64) -> String {
+    format!(
+        "TRACK CHANGED, seen in passage {} at {start_s:.2} s: it leaves {:.0} standard deviations more unexplained than healthy passages \
+         did, the last twenty on average {:.1}. This is not damage. Nothing is identified until the track is learnt anew from passages \
+         after the change (host-sim calibrate --damaged); what was known of the bridge is kept.",
+        report.passage, report.misfit, report.mean_misfit
+    )
 }
 
 /// What a passage changed in what is believed of the bridge.
@@ -113,6 +123,13 @@ fn why(reason: &Reason) -> String {
         Reason::NoTraffic => "the logger was not told which train passes".to_owned(),
         Reason::TooLong => "the passage is longer than the logger can keep or identify".to_owned(),
         Reason::Busy => "the logger was still identifying an earlier passage".to_owned(),
+        Reason::AnotherTrack => {
+            "it is explained worse than any healthy passage on the track that was learnt: the track has changed, or it was another train"
+                .to_owned()
+        }
+        Reason::Uncalibrated => {
+            "no train of this kind and speed was among those that the track was learnt from; learn it from such trains, too".to_owned()
+        }
         Reason::Interrupted => "another model of the bridge came before the search was over".to_owned(),
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
         Reason::NotThisTrain => {

@@ -479,6 +479,7 @@ mod tests {
             objective: 1e-6,
             objective_healthy: 1e-4,
             unexplained: 0.002,
+            mean_squares: Default::default(),
             rival: None,
             forward_solves: 93,
             generations: 6,

@@ -1,0 +1,96 @@
+//! What the logger knows of the rails: the track that was learnt, and whether it is still that.
+
+use crate::bridge::ReducedBridge;
+use crate::identify::evidence::Evidence;
+use crate::slot::Slot;
+use crate::track::blob::{self, TrackError};
+use crate::track::learnt::{LearntTrack, UNLEARNT};
+use crate::track::watch::Watch;
+use crate::wire::CRC32C;
+use crate::wire::message::TrackState;
+
+/// The learnt track and its watch.
+#[derive(Debug, Clone)]
+pub(super) struct Rails {
+    pub(super) learnt: Slot<LearntTrack>,
+    /// CRC-32C of its blob, by which it is known again.
+    crc: u32,
+    /// Rayleigh's coefficients as the bridge's model has them.
+    rayleigh: [f32; 2],
+    pub(super) watch: Watch,
+}
+
+impl Rails {
+    pub(super) const fn new() -> Self {
+        Self {
+            learnt: Slot::Empty,
+            crc: 0,
+            rayleigh: [0.0; 2],
+            watch: Watch::NEW,
+        }
+    }
+
+    /// The learnt track, or the smooth one of which nothing was learnt.
+    pub(super) fn learnt(&self) -> &LearntTrack {
+        self.learnt.as_ref().unwrap_or(&UNLEARNT)
+    }
+
+    pub(super) fn state(&self) -> TrackState {
+        match (self.learnt().is_learnt(), self.watch.has_changed()) {
+            (false, _) => TrackState::Unknown,
+            (true, false) => TrackState::Learnt,
+            (true, true) => TrackState::Changed,
+        }
+    }
+
+    /// A bridge model has been loaded. If it is not the `same` as before, nothing is known of its track.
+    pub(super) fn follow(&mut self, bridge: &mut ReducedBridge<f32>, same: bool) {
+        if !same {
+            *self = Self::new();
+        }
+        self.rayleigh = bridge.rayleigh;
+        self.damp(bridge);
+    }
+
+    fn damp(&self, bridge: &mut ReducedBridge<f32>) {
+        let damping = self.learnt().damping;
+        bridge.rayleigh = self.rayleigh.map(|coefficient| coefficient * damping);
+    }
+
+    /// Takes a learnt track, as [`blob::write()`] makes it. What is known of the bridge by an earlier one is kept with its own weight. A track
+    /// that is refused changes nothing; the one that is known comes again without effect.
+    pub(super) fn adopt(
+        &mut self,
+        bytes: &[u8],
+        bridge: &mut ReducedBridge<f32>,
+        bridge_crc: u32,
+        evidence: &mut Evidence,
+    ) -> Result<(), TrackError> {
+        let crc = CRC32C.checksum(bytes);
+        if crc == self.crc && self.learnt.as_ref().is_some() {
+            return Ok(());
+        }
+        let first = self.learnt.as_ref().is_none();
+        // Retired before it is known whether the new track is sound: a copy is small, a second track is not.
+        let mut retired = evidence.clone();
+        retired.retire(self.learnt());
+        if first {
+            self.learnt = Slot::Full(UNLEARNT.clone());
+        }
+        let read = match self.learnt.as_mut() {
+            Some(learnt) => blob::read_into(bytes, bridge_crc, learnt),
+            None => return Ok(()),
+        };
+        if let Err(error) = read {
+            if first {
+                self.learnt = Slot::Empty;
+            }
+            return Err(error);
+        }
+        *evidence = retired;
+        self.crc = crc;
+        self.watch = Watch::NEW;
+        self.damp(bridge);
+        Ok(())
+    }
+}
