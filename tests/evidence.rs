@@ -307,7 +307,7 @@ fn bytes_survive_a_restart_bit_for_bit_and_all_goes_on_as_if_there_had_been_none
     let mut evidence = some();
     let bytes = written(&evidence);
     assert_eq!(bytes.len(), EVIDENCE_BYTES);
-    assert_eq!(bytes.len(), 812);
+    assert_eq!(bytes.len(), 1077);
     let mut restarted = read(&bytes).expect("sound");
     assert_eq!(restarted, evidence);
     assert_eq!(written(&restarted), bytes);

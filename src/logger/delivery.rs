@@ -3,7 +3,7 @@
 //! | item | waits in | its first piece |
 //! |---|---|---|
 //! | bridge model, learnt track | the [`room`](super::room) of the identification | ends an identification in progress, which is reported as [`Reason::Interrupted`] |
-//! | evidence, either way | a buffer of its own, 812 bytes | disturbs nothing |
+//! | evidence, either way | a buffer of its own, 1,077 bytes | disturbs nothing |
 //!
 //! Pieces come in order from offset 0 on; a new first piece begins anew. A passage that comes while a model is on its way is identified
 //! by the old model, if there is one, and takes the room: the next piece is refused with [`Outcome::Chunk`], and the sender begins again.

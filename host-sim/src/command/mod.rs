@@ -7,6 +7,7 @@
 mod calibrate;
 mod demo;
 mod evaluate;
+mod evaluate_track;
 mod identify;
 mod logger;
 mod measure;
