@@ -64,7 +64,7 @@ pub fn gain(gain: &Gain) -> String {
     match (gain.more_passages(), gain.other_speeds()) {
         (false, false) => format!(
             "More passages would help little: of element {element}'s {all:.2} points what is unknown of the profile makes {learnt:.2}; the \
-             rest is what the rails may change without its being seen."
+             rest is what the rails are taken to change unseen (--drift-mm)."
         ),
         (true, false) => format!(
             "More passages would help: twice as many like these would take what is unknown of the profile from {learnt:.2} to {twice:.2} \
