@@ -148,8 +148,8 @@ pub struct Calibration {
     pub floor: [f64; ELEMENTS],
     /// The part of it that comes from what these passages leave unknown: no drift of the track that is not seen.
     pub floor_learnt: [f64; ELEMENTS],
-    /// What that would be, had each of these passages been there twice.
-    pub floor_twice: [f64; ELEMENTS],
+    /// What both would be, had each of these passages been there twice.
+    pub floors_twice: [[f64; ELEMENTS]; 2],
     /// Of each passage, in the order in which they were given.
     pub passages: Vec<Outcome>,
     /// Gauss-Newton steps that it took.
@@ -255,11 +255,18 @@ pub fn calibrate(
     }
     progress(turns, turns);
     let (learnt, _, floor) = learnt;
-    let unknown = |covariance: &DMatrix<f64>| {
-        Ok::<_, anyhow::Error>(deviations(&joint.floor(&candidates, &solved, covariance, 0.0)?))
+    let floor_of = |covariance: &DMatrix<f64>, drift: f32| {
+        let floor = joint.floor(&candidates, &solved, covariance, drift.into())?;
+        Ok::<_, anyhow::Error>(deviations(&floor))
     };
-    let floor_learnt = unknown(&solved.covariance)?;
-    let floor_twice = unknown(&joint.step(&solved.passages, 2.0)?.1)?;
+    let floor_learnt = floor_of(&solved.covariance, 0.0)?;
+    // The more passages, the better is known what each leaves, too, and the less of a change goes unseen.
+    let (_, twice) = joint.step(&solved.passages, 2.0)?;
+    let of_twice = LearntTrack {
+        passages: learnt.passages.saturating_mul(2),
+        ..learnt.clone()
+    };
+    let floors_twice = [floor_of(&twice, unseen(&of_twice))?, floor_of(&twice, 0.0)?];
     let deviation = |place: usize| solved.covariance[(place, place)].max(0.0).sqrt();
     let shared = &joint.shared;
     Ok(Calibration {
@@ -277,7 +284,7 @@ pub fn calibrate(
         bridge_std: [deviation(SHARED_STIFFNESS), deviation(SHARED_DAMPING)],
         floor,
         floor_learnt,
-        floor_twice,
+        floors_twice,
         passages: outcomes,
         steps: solved.steps,
         knots,
