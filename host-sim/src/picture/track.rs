@@ -198,7 +198,9 @@ impl Panel<'_, '_> {
             let curve: Vec<(f64, f64)> = (inside.iter())
                 .map(|(i, at)| (at.x_m, scale * (truth[*i] - apart * at.height_m)))
                 .collect();
-            panel.dashed(&curve, VERMILION, 1.4)?;
+            for piece in curve.split(|(_, height)| height.abs() > self.reach) {
+                panel.dashed(piece, VERMILION, 1.4)?;
+            }
         }
         for end in [0.0, self.length_m] {
             if (low..=high).contains(&end) {
