@@ -8,7 +8,8 @@ use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::estimate::{ALARM_DEVIATIONS, Information, TOLD_APART};
-use spanwatch::identify::evidence::{Change, EVIDENCE_BYTES, Evidence, EvidenceError, Forgetting};
+use spanwatch::identify::evidence::{Basis, Change, EVIDENCE_BYTES, Evidence, EvidenceError, Forgetting};
+use spanwatch::track::learnt::UNLEARNT;
 use spanwatch::wire::CRC32C;
 
 /// Flexibilities gained.
@@ -16,8 +17,12 @@ type X = [f64; ELEMENTS];
 const WHOLE: X = [0.0; ELEMENTS];
 /// Samples of a passage.
 const SAMPLES: usize = 60;
-/// Some bridge's fingerprint.
-const BRIDGE: u32 = 0x1234_5678;
+/// Some bridge, of whose track nothing was learnt.
+const BASIS: Basis<'static> = Basis {
+    bridge: 0x1234_5678,
+    track: 0,
+    spread: &UNLEARNT.spread,
+};
 /// Largest difference in damage between the sum of 30 passages in `f32` and their joint solution in `f64`: rounding, 1e-7 of each
 /// sum, times the root of the condition number, some hundreds.
 const JOINT_DAMAGE: f64 = 1e-4;
@@ -116,11 +121,11 @@ fn some() -> Evidence {
 
 fn written(evidence: &Evidence) -> Vec<u8> {
     let mut buffer = [0; EVIDENCE_BYTES];
-    evidence.to_bytes(BRIDGE, &mut buffer).expect("room").to_vec()
+    evidence.to_bytes(&BASIS, &mut buffer).expect("room").to_vec()
 }
 
 fn read(bytes: &[u8]) -> Result<Evidence, EvidenceError> {
-    Evidence::from_bytes(bytes, BRIDGE, forgetting(100.0, 10.0))
+    Evidence::from_bytes(bytes, &BASIS, forgetting(100.0, 10.0))
 }
 
 #[test]
@@ -347,14 +352,21 @@ fn every_flipped_bit_every_cut_and_every_byte_more_is_refused() {
     assert_eq!(read(&longer), Err(EvidenceError::Length));
     let mut buffer = [0; EVIDENCE_BYTES];
     for room in 0..EVIDENCE_BYTES {
-        assert_eq!(some().to_bytes(BRIDGE, &mut buffer[..room]), None);
+        assert_eq!(some().to_bytes(&BASIS, &mut buffer[..room]), None);
     }
 }
 
 #[test]
 fn another_bridge_and_another_version_are_refused_by_name() {
     let bytes = written(&some());
-    let other = Evidence::from_bytes(&bytes, BRIDGE + 1, forgetting(100.0, 10.0));
+    let other = Evidence::from_bytes(
+        &bytes,
+        &Basis {
+            bridge: BASIS.bridge + 1,
+            ..BASIS
+        },
+        forgetting(100.0, 10.0),
+    );
     assert_eq!(other, Err(EvidenceError::Bridge));
     let mut newer = bytes.clone();
     newer[4] += 1;
