@@ -102,6 +102,7 @@ fn answers() -> Vec<Answer> {
             rejected: u32::MAX,
             quality,
             busy: true,
+            track: Default::default(),
             effort: Effort {
                 stream_ticks: u64::MAX,
                 identification_ticks: u64::MAX,

@@ -36,7 +36,10 @@ fn identification(recording: &Path) -> u64 {
     let qemu = Qemu::start(&built_image("logger"), true, false).expect("QEMU and the image are there");
     let mut station = Station::new(Box::new(qemu));
     let prepared = replay::prepare(recording, None, replay::DEFAULT_SEED).expect("a recording");
-    let effort = prepared.replay(&mut station, None, |_| Ok(())).expect("replays").effort;
+    let effort = prepared
+        .replay(&mut station, None, None, |_| Ok(()))
+        .expect("replays")
+        .effort;
     assert!(effort.solver_steps > 100_000, "a whole search: {effort:?}");
     effort.identification_ticks * INSTRUCTIONS_PER_TICK / effort.solver_steps
 }

@@ -58,7 +58,7 @@ fn events(channel: impl Channel + 'static, recordings: &[PathBuf]) -> Said {
     for path in recordings {
         let prepared = replay::prepare(path, None, replay::DEFAULT_SEED).expect("a recording");
         status = prepared
-            .replay(&mut station, None, |told| {
+            .replay(&mut station, None, None, |told| {
                 alerts += usize::from(matches!(told, Told::Alert { .. }));
                 Ok(())
             })

@@ -22,7 +22,7 @@ fn passages(name: &str) -> Vec<(f64, f64)> {
     let mut station = Station::new(Box::new(InProcess::new()));
     let mut found = Vec::new();
     let status = prepared
-        .replay(&mut station, None, |told| {
+        .replay(&mut station, None, None, |told| {
             let Told::Passage { report, start_s, end_s } = told else {
                 panic!("an alert without a model")
             };

@@ -70,7 +70,7 @@ fn reports(logger: &mut Logger) -> Vec<PassageReport> {
     std::iter::from_fn(|| logger.next_event())
         .map(|event| match event {
             Event::Passage(report) => report,
-            Event::Alert(alert) => panic!("an alert without a model: {alert:?}"),
+            other => panic!("without a model: {other:?}"),
         })
         .collect()
 }

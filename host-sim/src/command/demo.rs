@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         let prepared = unpack(out, &shipped)?;
         super::print(&format!("\n{}: {}\n", prepared.path.display(), shipped.what))?;
         let mut raised = None;
-        prepared.replay(&mut station, None, |told| match told {
+        prepared.replay(&mut station, None, None, |told| match told {
             Told::Passage { report, start_s, end_s } => super::print(&format!(
                 "  {}\n",
                 words::passage(report, &prepared.quantities(), *start_s, *end_s)
@@ -81,6 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 raised = Some(alert.clone());
                 super::print(&format!("  {text}\n"))
             }
+            Told::Track { report, start_s } => super::print(&format!("  {}\n", words::track_changed(report, *start_s))),
         })?;
         let path = out.join(shipped.stem).with_extension("svg");
         draw(&path, &shipped, &prepared, raised.as_ref())?;

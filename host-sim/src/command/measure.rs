@@ -65,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         // A fresh start for each, so that the stack's peak is its own.
         let mut station = Station::new(Box::new(Qemu::start(&image, true, false)?));
         let mut alert_bytes = None;
-        let status = prepared.replay(&mut station, None, |told| {
+        let status = prepared.replay(&mut station, None, None, |told| {
             if let Told::Alert { alert, .. } = told {
                 let mut frame = FrameBuffer::new();
                 alert_bytes = frame
