@@ -312,7 +312,7 @@ fn bytes_survive_a_restart_bit_for_bit_and_all_goes_on_as_if_there_had_been_none
     let mut evidence = some();
     let bytes = written(&evidence);
     assert_eq!(bytes.len(), EVIDENCE_BYTES);
-    assert_eq!(bytes.len(), 812);
+    assert_eq!(bytes.len(), 1302);
     let mut restarted = read(&bytes).expect("sound");
     assert_eq!(restarted, evidence);
     assert_eq!(written(&restarted), bytes);
@@ -380,8 +380,10 @@ fn another_bridge_and_another_version_are_refused_by_name() {
 fn numbers_that_are_no_sum_of_passages_are_refused_even_with_the_right_checksum() {
     let bytes = written(&some());
     // Offsets of the first numbers: the head, and a count before each memory.
-    let (long, recent) = (10, 10 + 4 * 65 + 1);
-    let (counts, settling) = (recent + 4 * 65, recent + 4 * 65 + 8);
+    let (long, memory) = (14, 4 * 65 + 1);
+    let (recent, counts) = (long + memory, long + 4 * memory - 1);
+    let settling = counts + 4 * 4;
+    let spread = settling + 4 + 1;
     let rewritten = |at: usize, number: f32| {
         let mut bytes = bytes.clone();
         bytes[at..at + 4].copy_from_slice(&number.to_le_bytes());
@@ -402,12 +404,14 @@ fn numbers_that_are_no_sum_of_passages_are_refused_even_with_the_right_checksum(
         counts,
         counts + 4,
         settling,
+        spread,
+        spread + 4 * 54,
     ] {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert_eq!(rewritten(at, bad), Err(EvidenceError::Contents), "byte {at}: {bad}");
         }
     }
-    for at in [long, recent, counts, counts + 4, settling] {
+    for at in [long, recent, counts, counts + 4, settling, spread] {
         assert_eq!(rewritten(at, -1.0), Err(EvidenceError::Contents), "byte {at}");
     }
     // An off-diagonal entry larger than its diagonals; a diagonal of nothing beside entries; passages without any.

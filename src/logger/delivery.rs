@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | bridge model, learnt track | the [`room`](super::room) of the identification | ends an identification in progress, which is reported as [`Reason::Interrupted`] |
 //! | a passage's samples, to the base station | the stream, until the next passage begins | disturbs nothing |
-//! | evidence, either way | a buffer of its own, 1.3 kB | disturbs nothing |
+//! | evidence, either way | a buffer of its own, 1,302 bytes | disturbs nothing |
 //!
 //! Pieces come in order from offset 0 on; a new first piece begins anew. A passage that comes while a model is on its way is identified
 //! by the old model, if there is one, and takes the room: the next piece is refused with [`Outcome::Chunk`], and the sender begins again.

@@ -34,6 +34,8 @@ pub(super) enum Command {
     Noise(Noise),
     /// What each kind of measurement adds: samples or natural frequencies after the train, displacements, more sensors
     Sources(Sources),
+    /// Unknown tracks: how well damage can be told after learning the track from healthy passages, and how well it is
+    Track(super::evaluate_track::Track),
     /// Compare time integrations by the error of the recorder's signal and their work
     Accuracy {
         /// Existing folder that the picture is written into, too
@@ -158,7 +160,7 @@ enum Told {
 
 /// Nodes that have a sensor.
 #[derive(Debug, Clone)]
-struct SensorSet(Vec<u16>);
+pub(super) struct SensorSet(pub(super) Vec<u16>);
 
 impl FromStr for SensorSet {
     type Err = String;
@@ -199,6 +201,7 @@ pub(super) fn run(command: &Command) -> Result<()> {
         Command::Paper(arguments) => paper(arguments),
         Command::Noise(arguments) => noise(arguments),
         Command::Sources(arguments) => compare_sources(arguments),
+        Command::Track(arguments) => super::evaluate_track::run(arguments),
         Command::Accuracy { out } => accuracy(out.as_deref()),
         Command::Precision => print(&precision::table(&precision::rows()?)),
         Command::Table4 => print(&node_maxima::table(&node_maxima::solve()?)),
@@ -250,7 +253,7 @@ fn numbered(numbers: &[u32], train: TrainKind) -> Result<Vec<Case>> {
     numbers.iter().map(|&number| Case::numbered(number, train)).collect()
 }
 
-fn check_wear(wear: f64) -> Result<()> {
+pub(super) fn check_wear(wear: f64) -> Result<()> {
     if !(0.0..=MOST_WEAR).contains(&wear) {
         bail!("--wear must be 0 to {MOST_WEAR}, not {wear}");
     }

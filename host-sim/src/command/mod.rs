@@ -6,6 +6,7 @@
 
 mod demo;
 mod evaluate;
+mod evaluate_track;
 mod identify;
 mod logger;
 mod measure;

@@ -6,6 +6,7 @@ pub mod node_maxima;
 pub mod noise;
 pub mod precision;
 pub mod sources;
+pub mod track;
 
 /// Root of the sum of squares of the difference of two signals over that of the second, over all channels together.
 ///

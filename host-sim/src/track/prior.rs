@@ -95,3 +95,79 @@ pub fn covariance_of_waves(spectrum: Spectrum, [shortest, longest]: [f64; 2], kn
     }
     covariance
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Stretch, generate};
+    use super::*;
+
+    /// Those of the shipped girder.
+    fn knots() -> Knots<f64> {
+        crate::calibrate::knots(50.0).expect("knots")
+    }
+
+    #[test]
+    fn a_profile_of_b_splines_is_fitted_by_its_own_coefficients() {
+        let count = knots().coefficients();
+        let coefficients: Vec<f64> = (0..count).map(|k| 1e-3 * (k * k % 17) as f64).collect();
+        let fitted = fit(&Profile::new(knots(), &coefficients), &knots());
+        let worst = (fitted.iter().zip(&coefficients)).fold(0.0_f64, |worst, (a, b)| worst.max((a - b).abs()));
+        assert!(worst < 1e-12, "{worst}");
+    }
+
+    #[test]
+    fn tracks_of_a_spectrum_are_as_likely_as_its_covariance_says() {
+        // Spans of half the shortest wave: with shorter ones some combinations of B-splines are in no wave.
+        let stretch = |from_m, spacing_m, spans| spanwatch::track::profile::Stretch {
+            from_m,
+            spacing_m,
+            spans,
+        };
+        let knots = Knots::new(&[stretch(-145.0, 3.0, 45), stretch(-10.0, 0.8, 78)]).expect("knots");
+        /// The sum of squares of 120 standard normal numbers, over 120, averaged over 20 tracks: 0.03 standard deviation.
+        const TRACKS: u64 = 20;
+        const TOLERANCE: f64 = 0.1;
+        let covariance = covariance(Spectrum::Fra6, &knots);
+        let factor = covariance.cholesky().expect("positive definite");
+        let stretch = Stretch {
+            from_m: -250.0,
+            to_m: 90.0,
+            longest_m: Spectrum::Fra6.waves_m()[1],
+            vertical_only: true,
+            ..Stretch::default()
+        };
+        let mean = (1..=TRACKS)
+            .map(|seed| {
+                let track = generate(Spectrum::Fra6, seed, &stretch).expect("a track");
+                let fitted = DVector::from(fit(&track, &knots));
+                fitted.dot(&factor.solve(&fitted)) / fitted.len() as f64
+            })
+            .sum::<f64>()
+            / TRACKS as f64;
+        assert!((mean - 1.0).abs() < TOLERANCE, "{mean}");
+    }
+
+    #[test]
+    fn what_b_splines_leave_of_a_track_are_its_shortest_waves() {
+        let stretch = Stretch {
+            vertical_only: true,
+            from_m: -250.0,
+            to_m: 90.0,
+            ..Stretch::default()
+        };
+        let track = generate(Spectrum::Fra6, 1, &stretch).expect("a track");
+        let fitted = Profile::new(knots(), &fit(&track, &knots()));
+        // The line that no wheel feels is the chord of a second difference.
+        let second = |track: &dyn Track<f64>, x: f64| {
+            let at = |x| track.at(Motion::Vertical, x).value;
+            at(x - 3.0) - 2.0 * at(x) + at(x + 3.0)
+        };
+        let squares = (0..450).fold([0.0; 2], |[left, all], i| {
+            let x = f64::from(i) * 0.1 + 3.0;
+            let (is, fits) = (second(&track, x), second(&fitted, x));
+            [left + (is - fits).powi(2), all + is * is]
+        });
+        let part = (squares[0] / squares[1]).sqrt();
+        assert!(part < 0.02, "{part}");
+    }
+}

@@ -15,7 +15,7 @@
 //!
 //! Cost: 20 forward solves with all held, 28 with all unknown, in `f64`.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::capacity::{ELEMENTS, MODES};
@@ -27,6 +27,8 @@ use spanwatch::wire::message::Ranges;
 
 use super::Point;
 use super::truth::Setting;
+use crate::simulate::Scenario;
+use crate::train::TrainName;
 
 /// The damage of each element, then stiffness of the whole, speed, entry time and load.
 pub const UNKNOWNS: usize = ELEMENTS + 4;
@@ -57,21 +59,10 @@ impl Explaining {
     /// # Errors
     /// If the bridge has no such node, or there is no such train.
     pub fn new(bridge: &ReducedBridge<f64>, setting: &Setting) -> Result<Self> {
-        let scenario = setting.scenario();
-        let train = PlanarTrain::of_kind(setting.case.train, setting.case.cars).context("a train of 1 to 16 cars")?;
-        let quantity = scenario.quantity;
-        let sensors = (setting.nodes.iter())
-            .map(|&node| {
-                let place = bridge.sensor_at(node);
-                let place = place.with_context(|| format!("the bridge has no node {node}"))?;
-                Ok(Sensor { place, quantity })
-            })
-            .collect::<Result<_>>()?;
-        let recorder = Recorder::new(sensors, scenario.sample_interval_s().recip(), scenario.antialias_hz);
         Ok(Self {
             bridge: bridge.clone(),
             track: Profile::SMOOTH,
-            observation: Observation::new(train, scenario.run(), recorder, scenario.scheme)?,
+            observation: observation(bridge, &setting.scenario())?,
         })
     }
 
@@ -147,6 +138,29 @@ impl Explaining {
         }
         Ok(found)
     }
+}
+
+/// How a scenario's passage is observed.
+///
+/// # Errors
+/// If the bridge has no such node, or a logger no such train.
+pub fn observation(bridge: &ReducedBridge<f64>, scenario: &Scenario) -> Result<Observation<f64>> {
+    let TrainName::Known(kind) = &scenario.train else {
+        bail!("train \"{}\" is none that a logger knows", scenario.train.name());
+    };
+    let train = (scenario.cars)
+        .and_then(|cars| PlanarTrain::of_kind(*kind, cars))
+        .context("a train of 1 to 16 cars")?;
+    let quantity = scenario.quantity;
+    let sensors = (scenario.nodes.iter())
+        .map(|&node| {
+            let place = bridge.sensor_at(node);
+            let place = place.with_context(|| format!("the bridge has no node {node}"))?;
+            Ok(Sensor { place, quantity })
+        })
+        .collect::<Result<_>>()?;
+    let recorder = Recorder::new(sensors, scenario.sample_interval_s().recip(), scenario.antialias_hz);
+    Ok(Observation::new(train, scenario.run(), recorder, scenario.scheme)?)
 }
 
 impl Point {

@@ -325,7 +325,7 @@ impl Row {
 }
 
 /// The mean; not a number of nothing.
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub(in crate::study) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (count, sum) = values.fold((0.0, 0.0), |(count, sum), value| (count + 1.0, sum + value));
     sum / count
 }

@@ -115,27 +115,31 @@ impl Field {
         if !self.masses {
             return model;
         }
-        let mut rng = setting.generator(seed, Purpose::Masses);
-        let mut train = SpatialTrain {
-            kinds: Default::default(),
-            cars: Default::default(),
-        };
-        for place in &model.cars {
-            let mut car = model.kinds[place.kind].clone();
-            let factor = 1.0 + MASS_ERROR * gaussian(&mut rng);
-            car.inertia.iter_mut().for_each(|inertia| *inertia *= factor);
-            for contact in &mut car.contacts {
-                contact.load_n *= factor;
-                contact.unsprung *= factor;
-            }
-            let kind = train.kinds.len();
-            // There is room for as many kinds as cars.
-            let _ = train.kinds.push(car);
-            let _ = train.cars.push(Place {
-                kind,
-                behind_m: place.behind_m,
-            });
-        }
-        train
+        uneven(&model, MASS_ERROR, &mut setting.generator(seed, Purpose::Masses))
     }
+}
+
+/// A train of which each car's masses, inertias and static loads are off by a Gaussian factor of that standard deviation.
+pub fn uneven(model: &SpatialTrain, deviation: f64, rng: &mut impl Rng) -> SpatialTrain {
+    let mut train = SpatialTrain {
+        kinds: Default::default(),
+        cars: Default::default(),
+    };
+    for place in &model.cars {
+        let mut car = model.kinds[place.kind].clone();
+        let factor = 1.0 + deviation * gaussian(rng);
+        car.inertia.iter_mut().for_each(|inertia| *inertia *= factor);
+        for contact in &mut car.contacts {
+            contact.load_n *= factor;
+            contact.unsprung *= factor;
+        }
+        let kind = train.kinds.len();
+        // There is room for as many kinds as cars.
+        let _ = train.kinds.push(car);
+        let _ = train.cars.push(Place {
+            kind,
+            behind_m: place.behind_m,
+        });
+    }
+    train
 }

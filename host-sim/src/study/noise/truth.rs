@@ -12,7 +12,7 @@
 //! the explaining model is told a first guess that is off the truth, drawn from the ranges that it is told, too.
 
 use anyhow::Result;
-use rand_core::SeedableRng;
+use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::interaction::Run;
 use spanwatch::interaction::simulation::LONGEST_STEP_S;
@@ -132,18 +132,10 @@ impl Setting {
     pub fn record(&self, clean: &[Vec<f64>], seed: u64) -> Recorded {
         let mut rng = self.generator(seed, Purpose::Noise);
         let sigma = self.sigma(clean);
-        let channels: Vec<Vec<f64>> = (clean.iter().zip(&sigma))
-            .map(|(values, sigma)| {
-                let sensor = Channel::new(String::new(), None, Unit::MetrePerSecondSquared, vec![]);
-                (values.iter())
-                    .map(|value| sensor.count(value + sigma * gaussian(&mut rng)))
-                    .map(|count| f64::from(count) * f64::from(DEFAULT_LSB_MPS2))
-                    .collect()
-            })
-            .collect();
+        let channels = count(clean, &sigma, &mut rng);
         Recorded {
             samples: (0..channels[0].len())
-                .flat_map(|i| channels.iter().map(move |channel| channel[i] as f32))
+                .flat_map(|i| channels.iter().map(move |channel| acceleration_mps2(channel[i])))
                 .collect(),
             sigma,
         }
@@ -151,9 +143,29 @@ impl Setting {
 
     /// Standard deviation of each sensor's noise, m/s²; that of rounding, a third of a count, is a thousandth of it.
     pub fn sigma(&self, clean: &[Vec<f64>]) -> Vec<f64> {
-        let rms = |values: &Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
         clean.iter().map(|values| self.noise * rms(values)).collect()
     }
+}
+
+/// Root mean square.
+pub fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// What a converter makes of accelerations without noise, m/s², a list a sensor: counts of those with white noise.
+pub fn count(clean: &[Vec<f64>], sigma: &[f64], rng: &mut impl Rng) -> Vec<Vec<i32>> {
+    let sensor = Channel::new(String::new(), None, Unit::MetrePerSecondSquared, vec![]);
+    (clean.iter().zip(sigma))
+        .map(|(values, sigma)| {
+            let noisy = values.iter().map(|value| value + sigma * gaussian(rng));
+            noisy.map(|value| sensor.count(value)).collect()
+        })
+        .collect()
+}
+
+/// What a count stands for, m/s².
+pub fn acceleration_mps2(count: i32) -> f32 {
+    (f64::from(count) * f64::from(DEFAULT_LSB_MPS2)) as f32
 }
 
 /// What random numbers are for.
