@@ -1,6 +1,8 @@
 //! The firmware image in QEMU and the logger in this process say the same, byte for byte. Without QEMU or without the
 //! image (`sh tests/build-firmware.sh`) this fails.
 
+mod rails;
+
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -10,7 +12,7 @@ use std::time::Duration;
 use host_sim::channel::{Channel, InProcess, Qemu, built_image};
 use host_sim::replay::{self, Told};
 use host_sim::station::Station;
-use spanwatch::wire::message::{BLOCK_COUNTS, Event, Status};
+use spanwatch::wire::message::{BLOCK_COUNTS, Event, Status, TrackState};
 use spanwatch::wire::{Decoder, Kind};
 use tempfile::TempDir;
 
@@ -44,10 +46,12 @@ struct Said {
     status: Status,
     /// What it knows of the bridge at the end.
     evidence: Vec<u8>,
+    /// Values of the last passage that the learnt track did not explain, as bits.
+    kept: Vec<u32>,
 }
 
 /// What a logger says of recordings, one after the other.
-fn events(channel: impl Channel + 'static, recordings: &[PathBuf]) -> Said {
+fn events(channel: impl Channel + 'static, recordings: &[PathBuf], track: Option<&[u8]>) -> Said {
     let heard = Arc::new(Mutex::new(Vec::new()));
     let mut station = Station::new(Box::new(Tap {
         channel,
@@ -58,7 +62,7 @@ fn events(channel: impl Channel + 'static, recordings: &[PathBuf]) -> Said {
     for path in recordings {
         let prepared = replay::prepare(path, None, replay::DEFAULT_SEED).expect("a recording");
         status = prepared
-            .replay(&mut station, None, None, |told| {
+            .replay(&mut station, track, None, |told| {
                 alerts += usize::from(matches!(told, Told::Alert { .. }));
                 Ok(())
             })
@@ -70,6 +74,10 @@ fn events(channel: impl Channel + 'static, recordings: &[PathBuf]) -> Said {
         );
     }
     let evidence = station.evidence().expect("an answer").to_vec();
+    let kept = station.strange_passage().expect("an answer");
+    let kept = kept.map_or(vec![], |(_, values)| {
+        values.iter().map(|value| value.to_bits()).collect()
+    });
     assert_eq!(station.rejected(), 0);
     let bytes = heard.lock().expect("one thread").clone();
     let mut decoder = Decoder::new();
@@ -91,6 +99,7 @@ fn events(channel: impl Channel + 'static, recordings: &[PathBuf]) -> Said {
         alerts,
         status,
         evidence,
+        kept,
     }
 }
 
@@ -99,15 +108,16 @@ fn image() -> PathBuf {
 }
 
 /// A logger in this process and one in QEMU say the same of these recordings; gives what.
-fn same_on_both(recordings: &[PathBuf]) -> Said {
-    let here = events(InProcess::new(), recordings);
+fn same_on_both(recordings: &[PathBuf], track: Option<&[u8]>) -> Said {
+    let here = events(InProcess::new(), recordings, track);
     let qemu = Qemu::start(&image(), false, true).expect("QEMU and the image are there");
-    let there = events(qemu, recordings);
+    let there = events(qemu, recordings, track);
     for (here, there) in here.frames.iter().zip(&there.frames) {
         assert_eq!(here, there);
     }
     assert_eq!(here.frames.len(), there.frames.len());
     assert_eq!(here.evidence, there.evidence);
+    assert_eq!(here.kept, there.kept);
     assert!(there.status.health.stack_peak_bytes > 0, "the stack is watched");
     here
 }
@@ -121,7 +131,7 @@ fn the_image_in_qemu_sends_the_same_bytes_as_the_logger_in_this_process() {
         "case8-3d-270kmh-noise2-3nodes.csv",
     ];
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings");
-    let said = same_on_both(&recordings.map(|name| folder.join(name)));
+    let said = same_on_both(&recordings.map(|name| folder.join(name)), None);
     assert_eq!(said.alerts, 3);
     // A passage each and the alerts.
     assert_eq!(said.frames.len(), recordings.len() + said.alerts);
@@ -153,8 +163,22 @@ fn a_train_that_nobody_announced_is_explained_by_the_same_bytes_too() {
         "--train inspection-2dof --cars 2 --speed-kmh 150 --damage 5=0.3 --lead-s 4 --tail-s 12 --load-factor 1.1 --withhold \
          speed,entry,load",
     );
-    let said = same_on_both(&[recording]);
+    let said = same_on_both(&[recording], None);
     assert_eq!(said.alerts, 1);
+}
+
+#[test]
+fn a_learnt_track_is_monitored_by_the_same_bytes_too() {
+    let folder = TempDir::new().expect("a folder");
+    let rails = rails::lay(folder.path(), "rails", 1);
+    let recordings = [
+        rails::record(folder.path(), "damaged", &rails, "--speed-kmh 60 --damage 5=0.3"),
+        // A speed at which nothing was learnt.
+        rails::record(folder.path(), "fast", &rails, "--speed-kmh 100"),
+    ];
+    let said = same_on_both(&recordings, Some(&rails::learn(&rails, 60.0)));
+    assert_eq!((said.alerts, said.status.track), (1, TrackState::Learnt));
+    assert!(!said.kept.is_empty());
 }
 
 #[test]
