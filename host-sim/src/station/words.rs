@@ -9,6 +9,7 @@ use spanwatch::wire::message::{
 
 use crate::recording::Recording;
 
+pub mod calibration;
 pub mod identification;
 
 /// Damage below this, per mille, is not worth a word.
