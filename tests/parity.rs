@@ -2,6 +2,7 @@
 //! image (`sh tests/build-firmware.sh`) this fails.
 
 mod by_hand;
+mod rails;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -56,6 +57,8 @@ struct Said {
     status: Status,
     /// What it knows of the bridge at the end.
     evidence: Vec<u8>,
+    /// Values of the last passage that the learnt track did not explain, as bits.
+    kept: Vec<u32>,
 }
 
 /// What a logger says of recordings, one after the other, with the learnt `track`, if there is one.
@@ -86,6 +89,10 @@ fn events(channel: impl Channel + 'static, recordings: &[PathBuf], track: Option
         );
     }
     let evidence = station.evidence().expect("an answer").to_vec();
+    let kept = station.strange_passage().expect("an answer");
+    let kept = kept.map_or(vec![], |(_, values)| {
+        values.iter().map(|value| value.to_bits()).collect()
+    });
     assert_eq!(station.rejected(), 0);
     let bytes = heard.lock().expect("one thread").clone();
     let mut decoder = Decoder::new();
@@ -109,6 +116,7 @@ fn events(channel: impl Channel + 'static, recordings: &[PathBuf], track: Option
         changes,
         status,
         evidence,
+        kept,
     }
 }
 
@@ -126,6 +134,7 @@ fn same_on_both(recordings: &[PathBuf], track: Option<&[u8]>) -> Said {
     }
     assert_eq!(here.frames.len(), there.frames.len());
     assert_eq!(here.evidence, there.evidence);
+    assert_eq!(here.kept, there.kept);
     assert!(there.status.health.stack_peak_bytes > 0, "the stack is watched");
     println!("deepest stack: {} bytes", there.status.health.stack_peak_bytes);
     here
@@ -222,6 +231,20 @@ fn a_learnt_track_and_its_change_are_told_by_the_same_bytes_too() {
     assert!(after.len() == 3 && after.iter().all(doubted), "{after:?}");
     assert_eq!((said.alerts, said.changes), (0, 1));
     assert_eq!(said.status.track, TrackState::Changed);
+}
+
+#[test]
+fn a_learnt_track_is_monitored_by_the_same_bytes_too() {
+    let folder = TempDir::new().expect("a folder");
+    let rails = rails::lay(folder.path(), "rails", 1);
+    let recordings = [
+        rails::record(folder.path(), "damaged", &rails, "--speed-kmh 60 --damage 5=0.3"),
+        // A speed at which nothing was learnt.
+        rails::record(folder.path(), "fast", &rails, "--speed-kmh 100"),
+    ];
+    let said = same_on_both(&recordings, Some(&rails::learn(&rails, 60.0)));
+    assert_eq!((said.alerts, said.status.track), (1, TrackState::Learnt));
+    assert!(!said.kept.is_empty());
 }
 
 #[test]
