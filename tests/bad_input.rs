@@ -348,3 +348,45 @@ fn a_place_where_no_alert_can_be_stored_is_refused_before_anything_is_replayed()
         &["absent/x.sqlite"],
     );
 }
+
+#[test]
+fn calibrate_says_what_keeps_it_from_learning() {
+    let folder = TempDir::new().expect("a folder");
+    let csv = shipped("healthy-60kmh.csv");
+    let write = |stem: &str, toml: &str| {
+        fs::write(folder.path().join(format!("{stem}.csv")), &csv).expect("written");
+        fs::write(folder.path().join(format!("{stem}.toml")), toml).expect("written");
+    };
+    for stem in ["a", "b", "c"] {
+        write(stem, TOML);
+    }
+    let learn = |recordings: &[&str], words: &[&str]| {
+        let arguments = [&["calibrate"], recordings, &["-o", "track.blob", "--svg", "track.svg"]].concat();
+        refused(&folder, &arguments, words);
+    };
+    learn(&["a.csv", "absent.csv"], &["absent.csv"]);
+    learn(&["a.csv", "b.csv", "c.csv"], &["only 3 of 3", "5 at least"]);
+
+    write(
+        "other",
+        &TOML.replace("girder50", "twospan").replace("node = 6", "node = 5"),
+    );
+    learn(
+        &["a.csv", "other.csv"],
+        &["a.csv", "girder50", "other.csv", "twospan", "one bridge"],
+    );
+    write("other", &TOML.replace("train = \"inspection-2dof\"\ncars = 1\n", ""));
+    learn(&["a.csv", "other.csv"], &["other.csv", "train"]);
+    write("other", &TOML.replace("node = 6", "node = 5"));
+    learn(&["a.csv", "other.csv"], &["a.csv", "other.csv", "different sensors"]);
+    write("other", &TOML.replace("entry_time_s = 1.0", "entry_time_s = 99.0"));
+    learn(&["other.csv"], &["other.csv", "entry_time_s", "nothing is left"]);
+
+    refused(&folder, &["calibrate", "a.csv", "-o", "a.csv"], &["a.csv", "overwrite"]);
+    refused(
+        &folder,
+        &["calibrate", "a.csv", "-o", "track.blob", "--svg", "track.blob"],
+        &["-o", "--svg", "same file"],
+    );
+    refused(&folder, &["calibrate", "a.csv", "-o", "absent/track.blob"], &["absent"]);
+}

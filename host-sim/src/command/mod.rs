@@ -4,7 +4,9 @@
 //! `run` returns an error that reads as one sentence once its causes are joined by colons; it ends the program with exit
 //! code [`BAD_INPUT`], as wrong flags do.
 
+mod calibrate;
 mod demo;
+mod demo_track;
 mod evaluate;
 mod evaluate_track;
 mod identify;
@@ -58,6 +60,8 @@ enum Command {
     Identify(identify::Arguments),
     /// Send recordings through a logger, print and store what it reports
     Replay(replay::Arguments),
+    /// Learn the rails' profile from recordings of healthy passages
+    Calibrate(calibrate::Arguments),
     /// Search the paper's cases again, and make the figures again that choices and claims rest on
     #[command(subcommand)]
     Evaluate(evaluate::Command),
@@ -84,6 +88,7 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Evaluate(command) => evaluate::run(&command),
         Command::Predict(command) => predict::run(&command),
         Command::Logger(arguments) => logger::run(&arguments),

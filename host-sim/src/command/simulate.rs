@@ -86,7 +86,7 @@ pub(super) struct Arguments {
     /// Stiffness of the whole bridge, as a part of its model's: a warm bridge is softer; damage counts from there
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     stiffness_factor: f64,
-    /// What the recording's TOML shall not say, so that it is estimated: speed, entry, load
+    /// What the recording's TOML shall not say, so that it is estimated: speed, entry, load; track, so that it is unknown
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
     withhold: Vec<Withheld>,
     /// Time before the first axle enters
@@ -105,6 +105,7 @@ enum Withheld {
     Speed,
     Entry,
     Load,
+    Track,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -196,9 +197,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         load_factor: told(Withheld::Load, scenario.load_factor),
         margins: Margins::default(),
         antialias_hz: scenario.antialias_hz,
-        track: arguments
-            .track
-            .as_deref()
+        track: (arguments.track.as_deref())
+            .filter(|_| !arguments.withhold.contains(&Withheld::Track))
             .map(|track| beside(track, csv_path))
             .transpose()?,
         acceleration_mps2: scenario.acceleration_mps2,

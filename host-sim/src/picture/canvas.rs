@@ -390,6 +390,17 @@ impl Panel<'_, '_> {
             .map_err(failed)
     }
 
+    /// The area between two heights at each place.
+    pub(super) fn band(&self, points: &[(f64, [f64; 2])], colour: RGBColor) -> Result<()> {
+        let low = points.iter().map(|&(x, ends)| (x, ends[0]));
+        let high = points.iter().rev().map(|&(x, ends)| (x, ends[1]));
+        let outline: Vec<_> = low.chain(high).map(|(x, y)| at(self.px(x), self.py(y))).collect();
+        self.canvas
+            .area
+            .draw(&Polygon::new(outline, colour.filled()))
+            .map_err(failed)
+    }
+
     pub(super) fn bar(&self, x: f64, width: f64, value: f64, colour: RGBColor) -> Result<()> {
         let half = width / 2.0;
         self.canvas.fill(

@@ -8,6 +8,7 @@ pub mod chart;
 pub mod estimates;
 mod frame;
 mod passage;
+mod passage_on_tracks;
 pub mod track;
 
 use std::path::Path;
@@ -24,6 +25,7 @@ use canvas::{
 
 pub use frame::frame_modes;
 pub use passage::passage;
+pub use passage_on_tracks::passage_on_tracks;
 
 /// Largest damage on the scale, %.
 const DAMAGE_SCALE_PERCENT: f64 = 70.0;

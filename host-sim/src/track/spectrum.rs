@@ -118,6 +118,24 @@ impl Spectrum {
         }
     }
 
+    /// The FRA class whose level is nearest to `level`, a part of class 6's mean square, and its own level.
+    pub fn nearest_class(level: f64) -> (u32, f64) {
+        let classes = [Self::Fra1, Self::Fra2, Self::Fra3, Self::Fra4, Self::Fra5, Self::Fra6];
+        let roughness = |class: Self| class.fra_roughness_m().unwrap_or(f64::INFINITY);
+        let levels = classes.map(|class| roughness(class) / roughness(Self::Fra6));
+        let distance = |class: f64| (class / level).ln().abs();
+        (1..)
+            .zip(levels)
+            .reduce(|best, next| {
+                if distance(next.1) < distance(best.1) {
+                    next
+                } else {
+                    best
+                }
+            })
+            .unwrap_or((6, 1.0))
+    }
+
     fn fra_roughness_m(self) -> Option<f64> {
         Some(match self {
             Self::Fra1 => 15.53e-8,

@@ -7,14 +7,14 @@ use anyhow::{Context, Result, anyhow};
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::estimate::Estimate;
-use spanwatch::identify::evidence::{EVIDENCE_BYTES, Evidence, Forgetting};
+use spanwatch::identify::evidence::{Basis, EVIDENCE_BYTES, Evidence, Forgetting};
 use spanwatch::logger::Logger;
 use spanwatch::track::learnt::LearntTrack;
 use spanwatch::wire::CRC32C;
 use spanwatch::wire::message::{Event, Memory, Reason, TrackState, Verdict};
 
 use super::truth::Passage;
-use crate::calibrate::{self, Options, calibrate};
+use crate::calibrate::{self, DRIFT_M, Options, calibrate};
 use crate::model::to_blob;
 use crate::output;
 
@@ -123,6 +123,7 @@ impl Method for Logged {
             });
         }
         let options = Options {
+            drift_m: DRIFT_M,
             healthy: true,
             seed: self.seed,
         };
@@ -144,7 +145,11 @@ impl Method for Logged {
         Ok(Box::new(Watching {
             logger,
             learnt: &learnt.learnt,
-            model_crc: CRC32C.checksum(&self.blob),
+            basis: Basis {
+                bridge: CRC32C.checksum(&self.blob),
+                track: CRC32C.checksum(&learnt.blob),
+                spread: &learnt.learnt.spread,
+            },
             nodes,
             seed: self.seed,
             evidence: vec![],
@@ -156,7 +161,7 @@ impl Method for Logged {
 struct Watching<'a> {
     logger: Box<Logger>,
     learnt: &'a LearntTrack,
-    model_crc: u32,
+    basis: Basis<'a>,
     nodes: &'a [u16],
     seed: u64,
     /// What it knows of the bridge, as it keeps it.
@@ -193,7 +198,7 @@ impl Monitor for Watching<'_> {
             recent_passages,
         } = Memory::default();
         let forgetting = Forgetting::new(long_passages, recent_passages)?;
-        let evidence = Evidence::from_bytes(&self.evidence, self.model_crc, forgetting)?;
+        let evidence = Evidence::from_bytes(&self.evidence, &self.basis, forgetting)?;
         let mut said = Said {
             estimate: evidence.against(self.learnt).estimate(ELEMENTS),
             alarm: 0,
