@@ -250,6 +250,10 @@ pub struct Evidence {
     earlier: Memory,
 }
 
+/// What is kept of an evidence by a track that is no more.
+#[derive(Debug, Clone)]
+pub struct Retired(Memory);
+
 impl Evidence {
     /// No passage yet.
     pub const fn new(forgetting: Forgetting) -> Self {
@@ -321,14 +325,27 @@ impl Evidence {
 
     /// Another track is learnt: what is remembered by this one is kept with the weight that it has by it, and the memories begin anew.
     pub fn retire(&mut self, track: &LearntTrack) {
-        let known = Memory {
+        let known = self.retired(track);
+        self.begin_anew(known);
+    }
+
+    // Not inlined: what weighs it must leave the stack.
+    /// What [`Self::retire`] keeps, before it is known whether there is another track.
+    #[inline(never)]
+    pub fn retired(&self, track: &LearntTrack) -> Retired {
+        Retired(Memory {
             information: self.against(track),
             passages: self.passages(),
-        };
-        *self = Self {
-            earlier: known,
-            ..Self::new(self.forgetting)
-        };
+        })
+    }
+
+    /// The memories begin anew; `known` is kept beside them.
+    pub fn begin_anew(&mut self, known: Retired) {
+        self.long = Memory::EMPTY;
+        self.recent = Memory::EMPTY;
+        self.settling = 0.0;
+        self.stranger = None;
+        self.earlier = known.0;
     }
 
     /// Gives up what was known by earlier tracks, if what is remembered by this one contradicts it; tells whether it did.

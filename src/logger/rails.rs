@@ -71,9 +71,8 @@ impl Rails {
             return Ok(());
         }
         let first = self.learnt.as_ref().is_none();
-        // Retired before it is known whether the new track is sound: a copy is small, a second track is not.
-        let mut retired = evidence.clone();
-        retired.retire(self.learnt());
+        // Weighed before it is known whether the new track is sound, for a second track has no room.
+        let retired = evidence.retired(self.learnt());
         if first {
             self.learnt = Slot::Full(UNLEARNT.clone());
         }
@@ -87,7 +86,7 @@ impl Rails {
             }
             return Err(error);
         }
-        *evidence = retired;
+        evidence.begin_anew(retired);
         self.crc = crc;
         self.watch = Watch::NEW;
         self.damp(bridge);
