@@ -46,7 +46,7 @@
 //! **Bytes.** As the bridge's model ([`crate::bridge::blob`]):
 //!
 //! ```text
-//! "SWEV" | format version u8 | CRC-32C of the bridge's blob u32, of the track's u32 | postcard of Layout | CRC-32C of all before
+//! "SWEV" | format version u8 | fingerprint of the bridge's blob u32, of the track's u32 | postcard of Layout | CRC-32C of all before
 //! ```
 //!
 //! all little endian. How uncertain the track was goes with them, so that a logger that goes on with another track keeps what was
@@ -199,9 +199,9 @@ pub enum Change {
 /// What an evidence rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Basis<'a> {
-    /// CRC-32C of the blob of the bridge's model.
+    /// [`fingerprint`](crate::wire::fingerprint) of the blob of the bridge's model.
     pub bridge: u32,
-    /// CRC-32C of the blob of the learnt track; 0 where none was learnt.
+    /// That of the blob of the learnt track; 0 where none was learnt.
     pub track: u32,
     /// How uncertain that track is.
     pub spread: &'a Spread,

@@ -6,14 +6,14 @@ use crate::slot::Slot;
 use crate::track::blob::{self, TrackError};
 use crate::track::learnt::{LearntTrack, UNLEARNT};
 use crate::track::watch::Watch;
-use crate::wire::CRC32C;
+use crate::wire::fingerprint;
 use crate::wire::message::TrackState;
 
 /// The learnt track and its watch.
 #[derive(Debug, Clone)]
 pub(super) struct Rails {
     pub(super) learnt: Slot<LearntTrack>,
-    /// CRC-32C of its blob, by which it is known again.
+    /// The fingerprint of its blob, by which it is known again.
     crc: u32,
     /// Rayleigh's coefficients as the bridge's model has them.
     rayleigh: [f32; 2],
@@ -76,7 +76,7 @@ impl Rails {
         bridge_crc: u32,
         evidence: &mut Evidence,
     ) -> Result<(), TrackError> {
-        let crc = CRC32C.checksum(bytes);
+        let crc = fingerprint(bytes);
         if crc == self.crc && self.learnt.as_ref().is_some() {
             if self.watch.has_changed() {
                 self.watch = Watch::NEW;
