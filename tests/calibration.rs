@@ -4,7 +4,7 @@
 
 use std::sync::OnceLock;
 
-use host_sim::calibrate::{Calibration, Options, Outcome, Passage, calibrate};
+use host_sim::calibrate::{Calibration, DRIFT_M, Options, Outcome, Passage, calibrate};
 use host_sim::identification::Observed;
 use host_sim::model::{self, BridgeFrame, Structure, reduce::reduce};
 use host_sim::random::{gaussian, unit};
@@ -122,7 +122,16 @@ fn passages(special: &Special, seeds: std::ops::Range<u64>) -> Vec<Passage> {
 }
 
 fn learn(passages: &[Passage], healthy: bool) -> Calibration {
-    calibrate(passages, &Options { healthy, seed: 1 }, &|_, _| ()).expect("learns")
+    calibrate(
+        passages,
+        &Options {
+            healthy,
+            drift_m: DRIFT_M,
+            seed: 1,
+        },
+        &|_, _| (),
+    )
+    .expect("learns")
 }
 
 /// What healthy passages taught; among them were a shorter train, one over another bridge, and a sensor at the end of its range.
@@ -265,7 +274,11 @@ fn a_bridge_that_is_not_held_to_be_healthy_is_learnt_with_its_damage() {
 fn too_few_passages_are_no_reference() {
     let error = calibrate(
         &passages(&Special::nothing(), 600..603),
-        &Options { healthy: true, seed: 1 },
+        &Options {
+            healthy: true,
+            drift_m: DRIFT_M,
+            seed: 1,
+        },
         &|_, _| (),
     );
     let error = error.expect_err("three are too few").to_string();

@@ -19,12 +19,14 @@
 //!
 //! ```text
 //! G = A_dd^-1 A_ds            what an error of the shared unknowns does to the losses
-//! B = G (Cov(s) + drift C) G^T        summed over the kinds of train: no mixture of them has more
+//! B = G (Cov(s) + D) G^T      summed over the kinds of train: no mixture of them has more
 //! ```
 //!
-//! is the variance that no number of passages averages away. `drift C` is the largest change of
-//! the track that the logger's test of the track cannot see. It is most of `B`: sixty passages of sixteen cars leave 0.1 to 0.3 points
-//! of an element of girder50 open, but a change of the rails by a hundredth of a millimetre (waves below 20 m) is not seen, and may pass for 1 to 5.
+//! is the variance that no number of passages averages away. `D` is what the rails may change between this and the next calibration
+//! without its being seen: waves of the spectrum's shape below [`SHORT_M`], of an RMS that is chosen ([`DRIFT_M`]). It is most of `B`: sixty
+//! passages of sixteen cars leave 0.1 to 0.3 points of an element of girder50 open, while a change of the rails by a hundredth of a millimetre
+//! may pass for 1 to 5. The logger's own test of the track sees such a change only if all cars weigh the same; with 2 % of the
+//! passengers' weight from car to car it sees several hundredths ([`Calibration::unseen_m`]).
 
 pub mod known;
 mod linear;
@@ -49,7 +51,7 @@ use crate::batch::each;
 use crate::identification::Observed;
 use crate::model::to_blob;
 use crate::track::Spectrum;
-use crate::track::prior::covariance;
+use crate::track::prior::{covariance, covariance_of_waves};
 use linear::{COEFFICIENTS, Linear, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
 
 /// Standard deviation of a car's load, as a part of it: passengers.
@@ -70,6 +72,10 @@ const OUTLYING: f64 = 6.0;
 const LEAST_SCATTER: f64 = 0.05;
 /// Standard deviation that each loss has at least: less than any that matters, and the covariance keeps its factor.
 const LEAST_FLOOR: f64 = 1e-4;
+/// What the rails are taken to change unseen, RMS, m: about what a busy line wears in a month, if it wears unevenly.
+pub const DRIFT_M: f64 = 5e-6;
+/// Waves in which they do, m: longer ones move wheels too slowly to matter.
+const SHORT_M: f64 = 20.0;
 /// Fewest passages that can be called a reference.
 const FEWEST: usize = 5;
 /// Part of its samples that a passage may lack.
@@ -119,10 +125,12 @@ pub struct Passage {
 }
 
 /// How to learn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// The bridge is as healthy as it is taken to be: its elements' losses are held at nothing. Else they are unknowns, too.
     pub healthy: bool,
+    /// What the rails may change afterwards without its being seen, RMS, m.
+    pub drift_m: f64,
     /// Seed of the searches.
     pub seed: u64,
 }
@@ -148,8 +156,10 @@ pub struct Calibration {
     pub floor: [f64; ELEMENTS],
     /// The part of it that comes from what these passages leave unknown: no drift of the track that is not seen.
     pub floor_learnt: [f64; ELEMENTS],
-    /// What both would be, had each of these passages been there twice.
-    pub floors_twice: [[f64; ELEMENTS]; 2],
+    /// What that would be, had each of these passages been there twice.
+    pub floor_twice: [f64; ELEMENTS],
+    /// The smallest change of the rails, of waves below 20 m, that the logger's test of the track sees in the long run, RMS, m.
+    pub unseen_m: f64,
     /// Of each passage, in the order in which they were given.
     pub passages: Vec<Outcome>,
     /// Gauss-Newton steps that it took.
@@ -255,18 +265,12 @@ pub fn calibrate(
     }
     progress(turns, turns);
     let (learnt, _, floor) = learnt;
-    let floor_of = |covariance: &DMatrix<f64>, drift: f32| {
-        let floor = joint.floor(&candidates, &solved, covariance, drift.into())?;
-        Ok::<_, anyhow::Error>(deviations(&floor))
+    let unseen_m = unseen_m(&solved.passages, &joint.short, unseen(&learnt).into());
+    let unknown = |covariance: &DMatrix<f64>| {
+        Ok::<_, anyhow::Error>(deviations(&joint.floor(&candidates, &solved, covariance, 0.0)?))
     };
-    let floor_learnt = floor_of(&solved.covariance, 0.0)?;
-    // The more passages, the better is known what each leaves, too, and the less of a change goes unseen.
-    let (_, twice) = joint.step(&solved.passages, 2.0)?;
-    let of_twice = LearntTrack {
-        passages: learnt.passages.saturating_mul(2),
-        ..learnt.clone()
-    };
-    let floors_twice = [floor_of(&twice, unseen(&of_twice))?, floor_of(&twice, 0.0)?];
+    let floor_learnt = unknown(&solved.covariance)?;
+    let floor_twice = unknown(&joint.step(&solved.passages, 2.0)?.1)?;
     let deviation = |place: usize| solved.covariance[(place, place)].max(0.0).sqrt();
     let shared = &joint.shared;
     Ok(Calibration {
@@ -284,7 +288,8 @@ pub fn calibrate(
         bridge_std: [deviation(SHARED_STIFFNESS), deviation(SHARED_DAMPING)],
         floor,
         floor_learnt,
-        floors_twice,
+        unseen_m,
+        floor_twice,
         passages: outcomes,
         steps: solved.steps,
         knots,
@@ -317,7 +322,8 @@ struct Joint {
     knots: Knots<f32>,
     /// Inverse of the prior covariance of the coefficients at level 1.
     precision: DMatrix<f64>,
-    prior: DMatrix<f64>,
+    /// The same of waves below [`SHORT_M`], 1 m RMS on the bridge.
+    short: DMatrix<f64>,
     level: f64,
     healthy: bool,
     shared: Shared,
@@ -334,9 +340,16 @@ struct Solved {
 impl Joint {
     fn new(knots: &Knots<f64>, options: &Options) -> Result<Self> {
         let prior = covariance(Spectrum::Fra6, knots);
-        let Some(factor) = prior.clone().cholesky() else {
+        let Some(factor) = prior.cholesky() else {
             bail!("the spectrum gives no covariance to this profile");
         };
+        let mut short = covariance_of_waves(Spectrum::Fra6, [Spectrum::Fra6.waves_m()[0], SHORT_M], knots);
+        // From the beginning of the bridge to its end, where the fine knots are; coefficients are heights for waves of many spans.
+        let fine: Vec<f64> = (0..knots.coefficients())
+            .filter(|&k| knots.support(k).is_some_and(|[from, to]| to - from < SHORT_M / 4.0))
+            .map(|k| short[(k, k)])
+            .collect();
+        short /= fine.iter().sum::<f64>() / fine.len().max(1) as f64;
         let stretches: Vec<Stretch<f32>> = (knots.stretches().iter())
             .map(|stretch| Stretch {
                 from_m: stretch.from_m as f32,
@@ -350,7 +363,7 @@ impl Joint {
         Ok(Self {
             knots: rounded,
             precision: factor.inverse(),
-            prior,
+            short,
             level: 1.0,
             healthy: options.healthy,
             shared: Shared::as_modelled(knots),
@@ -496,7 +509,7 @@ impl Joint {
             unexplained.floor *= mean.exp() as f32;
             unexplained.part *= mean.exp() as f32;
         }
-        let floor = self.floor(candidates, solved, &solved.covariance, unseen(&learnt).into())?;
+        let floor = self.floor(candidates, solved, &solved.covariance, options.drift_m)?;
         let Some(factor) = floor.cholesky() else {
             bail!("the reference is no covariance: the passages contradict themselves");
         };
@@ -509,14 +522,14 @@ impl Joint {
         ))
     }
 
-    /// `B`: the covariance of the losses that what is left unknown of the shared unknowns makes, their `covariance`. `drift` is the part
-    /// by which the power that is left may grow unseen.
+    /// `B`: the covariance of the losses that what is left unknown of the shared unknowns makes, their `covariance`, and a drift of the
+    /// rails of this RMS.
     fn floor(
         &self,
         candidates: &[(usize, Candidate<'_>)],
         solved: &Solved,
         covariance: &DMatrix<f64>,
-        drift: f64,
+        drift_m: f64,
     ) -> Result<SMatrix<f64, ELEMENTS, ELEMENTS>> {
         let n = covariance.nrows();
         let s = n - ELEMENTS;
@@ -531,10 +544,8 @@ impl Joint {
                 continue;
             }
             let mut information = DMatrix::zeros(n, n);
-            let mut values = 0.0;
             for passage in &of_kind {
                 information += &passage.information;
-                values += f64::from(passage.power.values());
             }
             let mut losses = information.view((0, 0), (ELEMENTS, ELEMENTS)).into_owned();
             for e in 0..ELEMENTS {
@@ -545,19 +556,36 @@ impl Joint {
             };
             let across = information.view((0, ELEMENTS), (ELEMENTS, s)).into_owned();
             let gain = factor.solve(&across);
-            // The part of the power left that a change of the track by the prior at level 1 adds, losses and runs fitted to it.
             let c = s - (COEFFICIENTS - ELEMENTS);
-            let profile = |matrix: &DMatrix<f64>| matrix.view((s - c, s - c), (c, c)).into_owned();
-            let seen = information.view((ELEMENTS, ELEMENTS), (s, s)) - across.transpose() * &gain;
-            let grows = (profile(&seen) * &self.prior).trace() / values;
             let mut error = unknown.into_owned();
             let mut block = error.view_mut((s - c, s - c), (c, c));
-            block += &self.prior * (drift / grows);
+            block += &self.short * drift_m.powi(2);
             let bias = &gain * error * gain.transpose();
             floor += SMatrix::<f64, ELEMENTS, ELEMENTS>::from_fn(|i, j| bias[(i, j)]);
         }
         Ok(floor)
     }
+}
+
+/// The RMS change of the rails, m, by which what passages leave unexplained grows by `part`, runs and bridge fitted to it.
+fn unseen_m(passages: &[Linear], short: &DMatrix<f64>, part: f64) -> f64 {
+    let (mut grows, mut values) = (0.0, 0.0);
+    for passage in passages {
+        let n = passage.information.nrows();
+        let (others, c) = (COEFFICIENTS, n - COEFFICIENTS);
+        let mut bridge = passage.information.view((0, 0), (others, others)).into_owned();
+        for i in 0..others {
+            bridge[(i, i)] += DAMAGE_PRIOR.powi(-2);
+        }
+        let across = passage.information.view((0, others), (others, c));
+        let seen = passage.information.view((others, others), (c, c)).into_owned();
+        let fitted = bridge
+            .cholesky()
+            .map(|factor| across.transpose() * factor.solve(&across.into_owned()));
+        grows += (fitted.map_or(seen.clone(), |fitted| &seen - fitted) * short).trace();
+        values += f64::from(passage.power.values());
+    }
+    (part * values / grows).sqrt()
 }
 
 fn deviations(covariance: &SMatrix<f64, ELEMENTS, ELEMENTS>) -> [f64; ELEMENTS] {

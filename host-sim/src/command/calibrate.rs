@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use host_sim::calibrate::known::{HALF_WAVE_M, ShortWaves};
-use host_sim::calibrate::{Calibration, Options, Outcome, Passage, calibrate};
+use host_sim::calibrate::{Calibration, DRIFT_M, Options, Outcome, Passage, calibrate};
 use host_sim::replay::{self, Prepared};
 use host_sim::station::words::calibration::{self as words, Gain};
 use host_sim::track::{Spectrum, table};
@@ -17,6 +17,8 @@ use spanwatch::bridge::ReducedBridge;
 /// Length of the stretches by which is told how well the profile is known, m; before the bridge there are so many.
 const STRETCH_M: f64 = 10.0;
 const STRETCHES_BEFORE: f64 = 3.0;
+/// Largest drift of the rails that makes sense, mm: more is a track that needs tamping.
+const MOST_DRIFT_MM: f64 = 1.0;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -32,6 +34,9 @@ pub(super) struct Arguments {
     /// The bridge may be damaged: look for that, too. Else it is healthy by definition, and later damage counts from there
     #[arg(long)]
     damaged: bool,
+    /// What the rails may change before the next calibration without its being seen, RMS of waves below 20 m, mm
+    #[arg(long, default_value_t = 1e3 * DRIFT_M)]
+    drift_mm: f64,
     /// Seed of the searches
     #[arg(long, default_value_t = replay::DEFAULT_SEED)]
     seed: u64,
@@ -51,6 +56,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     check_names(arguments)?;
+    if !(0.0..=MOST_DRIFT_MM).contains(&arguments.drift_mm) {
+        bail!("--drift-mm must be 0 to {MOST_DRIFT_MM}, not {}", arguments.drift_mm);
+    }
     let truth = arguments.truth.as_deref().map(table::read).transpose()?;
     let bar = terminal::progress(arguments.recordings.len() as u64, "reading");
     let mut recordings = Vec::new();
@@ -94,6 +102,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         bail!("{}: {reason}; nothing is left to learn from", prepared.path.display());
     }
     let options = Options {
+        drift_m: 1e-3 * arguments.drift_mm,
         healthy: !arguments.damaged,
         seed: arguments.seed,
     };
@@ -131,7 +140,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         .collect();
     let told: Vec<(&str, &Outcome)> = names.iter().map(String::as_str).zip(&outcomes).collect();
     if arguments.json {
-        return super::print_json(&as_json(&calibration, &told, &stretches, elements, arguments.damaged));
+        return super::print_json(&as_json(
+            &calibration,
+            &told,
+            &stretches,
+            elements,
+            arguments.damaged,
+            arguments.drift_mm,
+        ));
     }
     super::print(&in_words(&calibration, &told, &stretches, elements, arguments))
 }
@@ -333,6 +349,13 @@ fn in_words(
     for (e, (all, of_profile)) in found.floor.iter().zip(&found.floor_learnt).take(elements).enumerate() {
         let _ = writeln!(text, "{:>7}  {:6.2}   {:6.2}", e + 1, 100.0 * all, 100.0 * of_profile);
     }
+    let _ = writeln!(
+        text,
+        "\nThat holds if the rails change by no more than {:.3} mm rms in waves below 20 m until the next calibration. The logger itself sees a \
+         lasting change from {:.3} mm on.",
+        arguments.drift_mm,
+        1e3 * found.unseen_m
+    );
     let _ = writeln!(text, "\n{}", words::gain(&gain(found, outcomes, elements)));
     text
 }
@@ -343,6 +366,7 @@ fn as_json(
     stretches: &[Known],
     elements: usize,
     damaged: bool,
+    drift_mm: f64,
 ) -> Value {
     let passages: Vec<Value> = (outcomes.iter())
         .map(|(name, outcome)| match outcome {
@@ -389,6 +413,8 @@ fn as_json(
         "damage_std": of_damage(1),
         "floor": &found.floor[..elements],
         "floor_of_profile": &found.floor_learnt[..elements],
+        "drift_mm": drift_mm,
+        "unseen_change_mm": 1e3 * found.unseen_m,
         "profile": profile,
         "more_passages_help": gain.more_passages(),
         "other_speeds_help": gain.other_speeds(),

@@ -18,6 +18,9 @@ pub(super) struct Arguments {
     /// Folder for recordings, pictures and the alert file; it is made if need be
     #[arg(long, default_value = "demo-out", value_name = "DIR")]
     out: PathBuf,
+    /// Another one: a viaduct with unknown, rough rails, which are learnt from its trains
+    #[arg(long)]
+    unknown_track: bool,
 }
 
 /// A recording that comes with the program.
@@ -62,6 +65,9 @@ const SHIPPED: [Shipped; 3] = [
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let out = &arguments.out;
+    if arguments.unknown_track {
+        return super::demo_track::run(out);
+    }
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let mut store = Store::open(&out.join("alerts.sqlite"))?;
     let mut station = Station::new(Box::new(InProcess::new()));

@@ -6,6 +6,7 @@
 
 mod calibrate;
 mod demo;
+mod demo_track;
 mod evaluate;
 mod evaluate_track;
 mod identify;

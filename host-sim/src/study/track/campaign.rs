@@ -103,10 +103,13 @@ impl<O> Row<O> {
 /// Tells of so many passages that are done.
 type Done<'a> = &'a (dyn Fn(u64) + Sync);
 
+/// A passage's number, the bits of the losses, and whether the track has changed.
+type Number = (usize, [u64; ELEMENTS], bool);
+
 /// The passages of a viaduct, each solved when it is first asked for.
 struct Timetable {
     viaduct: Viaduct,
-    solved: Mutex<HashMap<(usize, [u64; ELEMENTS], bool), Arc<Passage>>>,
+    solved: Mutex<HashMap<Number, Arc<Passage>>>,
 }
 
 impl Timetable {

@@ -14,7 +14,7 @@ use spanwatch::wire::CRC32C;
 use spanwatch::wire::message::{Event, Memory, Reason, TrackState, Verdict};
 
 use super::truth::Passage;
-use crate::calibrate::{self, Options, calibrate};
+use crate::calibrate::{self, DRIFT_M, Options, calibrate};
 use crate::model::to_blob;
 use crate::output;
 
@@ -123,6 +123,7 @@ impl Method for Logged {
             });
         }
         let options = Options {
+            drift_m: DRIFT_M,
             healthy: true,
             seed: self.seed,
         };
