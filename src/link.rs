@@ -129,6 +129,7 @@ impl Desk {
             }
             Request::Evidence { offset } => return self.tell_evidence(offset, sequence, board),
             Request::Restore(chunk) => self.logger.take_piece(Item::Evidence, &chunk),
+            Request::Passage { offset } => return self.tell_passage(offset, sequence, board),
             Request::Status => {
                 let answer = Answer::Status(self.status(rejected, board));
                 return self.send(Kind::Answer, sequence, &answer, board);
@@ -145,6 +146,13 @@ impl Desk {
     fn tell_evidence(&mut self, offset: u32, sequence: u32, board: &mut impl Board) {
         let chunk = self.logger.give_evidence(offset);
         self.send(Kind::Answer, sequence, &Answer::Evidence(chunk), board);
+    }
+
+    // Not inlined: a piece that no other request needs.
+    #[inline(never)]
+    fn tell_passage(&mut self, offset: u32, sequence: u32, board: &mut impl Board) {
+        let piece = Answer::Passage(self.logger.give_passage(offset));
+        self.send(Kind::Answer, sequence, &piece, board);
     }
 
     fn status(&self, rejected: u32, board: &mut impl Board) -> Status {

@@ -41,7 +41,7 @@ use crate::wire::message::{
     TrackReport, TrackState, Traffic, Trigger, Verdict,
 };
 
-use delivery::Deliveries;
+use delivery::{Deliveries, Strange};
 use rails::Rails;
 use room::Room;
 
@@ -242,8 +242,8 @@ impl Configuration {
 #[derive(Debug, Clone)]
 struct Work {
     observation: Observation<f32>,
-    /// Stream time of the passage's first sample, s.
-    first_s: f64,
+    /// Index of the passage's first sample in the stream.
+    first_sample: u64,
     /// What must be guessed before the search.
     guess: Option<FirstGuess>,
     search: Hybrid,
@@ -262,6 +262,8 @@ pub struct Logger {
     /// Memory for the work, which always has it, or for what is on its way.
     room: Room,
     deliveries: Deliveries,
+    /// The last passage that a learnt track did not explain.
+    strange: Strange,
     /// What all passages say.
     evidence: Evidence,
     /// CRC-32C of the bridge model, by which its evidence is known.
@@ -289,6 +291,7 @@ impl Logger {
             work: Slot::Empty,
             room: Room::Empty,
             deliveries: Deliveries::new(),
+            strange: Strange::NONE,
             evidence: Evidence::new(Forgetting::NEVER),
             model_crc: 0,
             events: Deque::new(),
@@ -307,6 +310,7 @@ impl Logger {
         } = configuration.memory;
         let forgetting = Forgetting::new(long_passages, recent_passages).map_err(|_| ConfigurationError::Memory)?;
         self.evidence = Evidence::new(forgetting);
+        self.rails.watch.renumber();
         self.stream.configure(&configuration);
         self.work = Slot::Empty;
         self.events.clear();
@@ -341,12 +345,14 @@ impl Logger {
 
     /// Writes what all passages say of the bridge into `buffer`; nothing if there is no room.
     pub fn evidence<'b>(&self, buffer: &'b mut [u8]) -> &'b [u8] {
-        self.evidence.to_bytes(self.model_crc, buffer).unwrap_or_default()
+        self.evidence
+            .to_bytes(&self.rails.basis(self.model_crc), buffer)
+            .unwrap_or_default()
     }
 
     /// Goes on from what [`Self::evidence`] wrote, for the same bridge model, before a restart.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EvidenceError> {
-        self.evidence = Evidence::from_bytes(bytes, self.model_crc, self.evidence.forgetting())?;
+        self.evidence = Evidence::from_bytes(bytes, &self.rails.basis(self.model_crc), self.evidence.forgetting())?;
         Ok(())
     }
 
@@ -449,6 +455,7 @@ impl Logger {
                 Err(reason) => {
                     if passage.kept == Kept::Whole {
                         self.stream.release();
+                        self.remember(report.passage, passage.first_sample, reason);
                     }
                     self.report(report, Verdict::NotIdentified(reason));
                 }
@@ -470,7 +477,7 @@ impl Logger {
         };
         self.work = Slot::Full(Work {
             observation,
-            first_s: passage.first_sample as f64 / f64::from(configuration.sample_rate_hz),
+            first_sample: passage.first_sample,
             guess,
             search: Hybrid::new(configuration.seed),
             report,
@@ -508,6 +515,10 @@ impl Logger {
         if passage.quality.total() as f32 > BAD_SAMPLES * samples.len() as f32 {
             return Err(Reason::BadQuality);
         }
+        if self.rails.watch.has_changed() {
+            // Nothing could be believed of it; its samples wait for the base station instead.
+            return Err(Reason::AnotherTrack);
+        }
         let mut observation = configuration
             .observe(traffic, &self.bridge, passage.first_sample)
             .map_err(Reason::Setup)?;
@@ -539,14 +550,19 @@ impl Logger {
             return doubt;
         };
         let train = self.configuration.as_ref()?.traffic.as_ref()?.train;
-        if doubt.is_none() && !learnt.knows(train, found.run.speed_mps) {
-            return Some(Reason::Uncalibrated);
+        if !learnt.knows(train, found.run.speed_mps) {
+            // The track need not have changed for it.
+            return doubt.or(Some(Reason::Uncalibrated));
         }
         let misfit = learnt.misfit(&found.mean_squares);
-        let finding = self.rails.watch.judge(learnt, doubt.is_none().then_some(misfit));
-        if finding == Finding::Changed {
+        let finding = self
+            .rails
+            .watch
+            .judge(learnt, report.passage, doubt.is_none().then_some(misfit));
+        if let Finding::Changed { since } = finding {
             let report = TrackReport {
                 passage: report.passage,
+                since,
                 start_sample: report.start_sample,
                 misfit,
                 mean_misfit: self.rails.watch.mean(),
@@ -555,7 +571,8 @@ impl Logger {
         }
         match finding {
             Finding::Same => doubt,
-            Finding::Another | Finding::Changed => doubt.or(Some(Reason::AnotherTrack)),
+            Finding::Another => doubt.or(Some(Reason::AnotherTrack)),
+            Finding::Changed { .. } => Some(Reason::AnotherTrack),
         }
     }
 
@@ -568,13 +585,16 @@ impl Logger {
         let Some(Work {
             search,
             report,
-            first_s,
+            first_sample,
             ..
         }) = self.work.as_ref()
         else {
             return;
         };
-        let Some(found) = search.result() else { return };
+        let (Some(found), Some(configuration)) = (search.result(), self.configuration.as_ref()) else {
+            return;
+        };
+        let first_s = *first_sample as f64 / f64::from(configuration.sample_rate_hz);
         let learnt = self.rails.learnt();
         let mut change = self.evidence.add(&found.information);
         if self.evidence.outlive(learnt) && change == Change::None {
@@ -630,7 +650,25 @@ impl Logger {
     fn end_work(&mut self, verdict: Verdict) {
         self.stream.release();
         if let Some(work) = self.work.take() {
+            if let Verdict::NotIdentified(reason) = verdict {
+                self.remember(work.report.passage, work.first_sample, reason);
+            }
             self.report(work.report, verdict);
+        }
+    }
+
+    /// Remembers that the samples which the stream still has are those of a passage that the learnt track did not explain, if it was that.
+    fn remember(&mut self, passage: u32, first_sample: u64, reason: Reason) {
+        let of_the_track = matches!(
+            reason,
+            Reason::AnotherTrack | Reason::Uncalibrated | Reason::Unexplained | Reason::Implausible
+        );
+        if of_the_track && self.rails.learnt().is_learnt() {
+            self.strange = Strange {
+                passage,
+                first_sample,
+                clearings: self.stream.clearings(),
+            };
         }
     }
 

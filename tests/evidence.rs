@@ -8,7 +8,8 @@ use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::estimate::{ALARM_DEVIATIONS, Information, TOLD_APART};
-use spanwatch::identify::evidence::{Change, EVIDENCE_BYTES, Evidence, EvidenceError, Forgetting};
+use spanwatch::identify::evidence::{Basis, Change, EVIDENCE_BYTES, Evidence, EvidenceError, Forgetting};
+use spanwatch::track::learnt::UNLEARNT;
 use spanwatch::wire::CRC32C;
 
 /// Flexibilities gained.
@@ -16,8 +17,12 @@ type X = [f64; ELEMENTS];
 const WHOLE: X = [0.0; ELEMENTS];
 /// Samples of a passage.
 const SAMPLES: usize = 60;
-/// Some bridge's fingerprint.
-const BRIDGE: u32 = 0x1234_5678;
+/// Some bridge, of whose track nothing was learnt.
+const BASIS: Basis<'static> = Basis {
+    bridge: 0x1234_5678,
+    track: 0,
+    spread: &UNLEARNT.spread,
+};
 /// Largest difference in damage between the sum of 30 passages in `f32` and their joint solution in `f64`: rounding, 1e-7 of each
 /// sum, times the root of the condition number, some hundreds.
 const JOINT_DAMAGE: f64 = 1e-4;
@@ -116,11 +121,11 @@ fn some() -> Evidence {
 
 fn written(evidence: &Evidence) -> Vec<u8> {
     let mut buffer = [0; EVIDENCE_BYTES];
-    evidence.to_bytes(BRIDGE, &mut buffer).expect("room").to_vec()
+    evidence.to_bytes(&BASIS, &mut buffer).expect("room").to_vec()
 }
 
 fn read(bytes: &[u8]) -> Result<Evidence, EvidenceError> {
-    Evidence::from_bytes(bytes, BRIDGE, forgetting(100.0, 10.0))
+    Evidence::from_bytes(bytes, &BASIS, forgetting(100.0, 10.0))
 }
 
 #[test]
@@ -307,7 +312,7 @@ fn bytes_survive_a_restart_bit_for_bit_and_all_goes_on_as_if_there_had_been_none
     let mut evidence = some();
     let bytes = written(&evidence);
     assert_eq!(bytes.len(), EVIDENCE_BYTES);
-    assert_eq!(bytes.len(), 1077);
+    assert_eq!(bytes.len(), 1302);
     let mut restarted = read(&bytes).expect("sound");
     assert_eq!(restarted, evidence);
     assert_eq!(written(&restarted), bytes);
@@ -347,14 +352,21 @@ fn every_flipped_bit_every_cut_and_every_byte_more_is_refused() {
     assert_eq!(read(&longer), Err(EvidenceError::Length));
     let mut buffer = [0; EVIDENCE_BYTES];
     for room in 0..EVIDENCE_BYTES {
-        assert_eq!(some().to_bytes(BRIDGE, &mut buffer[..room]), None);
+        assert_eq!(some().to_bytes(&BASIS, &mut buffer[..room]), None);
     }
 }
 
 #[test]
 fn another_bridge_and_another_version_are_refused_by_name() {
     let bytes = written(&some());
-    let other = Evidence::from_bytes(&bytes, BRIDGE + 1, forgetting(100.0, 10.0));
+    let other = Evidence::from_bytes(
+        &bytes,
+        &Basis {
+            bridge: BASIS.bridge + 1,
+            ..BASIS
+        },
+        forgetting(100.0, 10.0),
+    );
     assert_eq!(other, Err(EvidenceError::Bridge));
     let mut newer = bytes.clone();
     newer[4] += 1;
@@ -368,8 +380,10 @@ fn another_bridge_and_another_version_are_refused_by_name() {
 fn numbers_that_are_no_sum_of_passages_are_refused_even_with_the_right_checksum() {
     let bytes = written(&some());
     // Offsets of the first numbers: the head, and a count before each memory.
-    let (long, recent) = (10, 10 + 4 * 65 + 1);
-    let (counts, settling) = (recent + 4 * 65, recent + 4 * 65 + 8);
+    let (long, memory) = (14, 4 * 65 + 1);
+    let (recent, counts) = (long + memory, long + 4 * memory - 1);
+    let settling = counts + 4 * 4;
+    let spread = settling + 4 + 1;
     let rewritten = |at: usize, number: f32| {
         let mut bytes = bytes.clone();
         bytes[at..at + 4].copy_from_slice(&number.to_le_bytes());
@@ -390,12 +404,14 @@ fn numbers_that_are_no_sum_of_passages_are_refused_even_with_the_right_checksum(
         counts,
         counts + 4,
         settling,
+        spread,
+        spread + 4 * 54,
     ] {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert_eq!(rewritten(at, bad), Err(EvidenceError::Contents), "byte {at}: {bad}");
         }
     }
-    for at in [long, recent, counts, counts + 4, settling] {
+    for at in [long, recent, counts, counts + 4, settling, spread] {
         assert_eq!(rewritten(at, -1.0), Err(EvidenceError::Contents), "byte {at}");
     }
     // An off-diagonal entry larger than its diagonals; a diagonal of nothing beside entries; passages without any.

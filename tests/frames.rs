@@ -8,8 +8,8 @@ use spanwatch::identify::evidence::Change;
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
     Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Chunk, Configuration, Effort, Event, Fit,
-    Health, Memory, Outcome, PassageReport, Quality, Quantity, Ranges, Request, Restart, RivalReport, SampleBlock,
-    Status, Traffic, TrainKind, Trigger, Verdict,
+    Health, Memory, Outcome, PassagePiece, PassageReport, Quality, Quantity, Ranges, Request, Restart, RivalReport,
+    SampleBlock, Status, TrackReport, Traffic, TrainKind, Trigger, Verdict,
 };
 use spanwatch::wire::{CRC32C, Decoder, FrameBuffer, Kind};
 
@@ -71,6 +71,8 @@ fn requests() -> Vec<Request> {
             seed: u64::MAX,
         }),
         Request::Evidence { offset: u32::MAX },
+        Request::Passage { offset: u32::MAX },
+        Request::Track(chunk()),
         Request::Restore(chunk()),
         Request::Model(chunk()),
         Request::Samples(SampleBlock {
@@ -94,6 +96,14 @@ fn answers() -> Vec<Answer> {
             busy: true,
         }),
         Answer::Evidence(chunk()),
+        Answer::Passage(PassagePiece {
+            passage: u32::MAX,
+            first_sample: u64::MAX,
+            channels: u8::MAX,
+            total: u32::MAX,
+            offset: u32::MAX,
+            values: [f32::MIN; BLOCK_COUNTS].into_iter().collect(),
+        }),
         Answer::Status(Status {
             samples: u64::MAX,
             passages: u32::MAX,
@@ -139,7 +149,14 @@ fn events() -> Vec<Event> {
             hidden_permille: u16::MAX,
         },
     };
-    vec![Event::Passage(report), alert()]
+    let track = TrackReport {
+        passage: u32::MAX,
+        start_sample: u64::MAX,
+        since: u32::MAX,
+        misfit: f32::INFINITY,
+        mean_misfit: f32::MIN,
+    };
+    vec![Event::Passage(report), alert(), Event::Track(track)]
 }
 
 fn bytes_of(kind: Kind, sequence: u32, message: &impl serde::Serialize) -> Vec<u8> {

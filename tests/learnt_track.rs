@@ -6,7 +6,7 @@ use rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{ELEMENTS, PROFILE_COEFFICIENTS};
 use spanwatch::identify::estimate::Information;
-use spanwatch::identify::evidence::{EVIDENCE_BYTES, Evidence, Forgetting};
+use spanwatch::identify::evidence::{Basis, EVIDENCE_BYTES, Evidence, Forgetting};
 use spanwatch::track::blob::{TRACK_BLOB_BYTES, TrackError, read_into, write};
 use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Profile, Stretch};
@@ -142,6 +142,33 @@ fn covariances_of_passages_and_reference_add() {
         println!("weight {weight}, {rows} rows: {off:.1e}, {off_vector:.1e}");
         assert!(off < ROUNDED && off_vector < ROUNDED, "{off}, {off_vector}");
     }
+    // As badly conditioned as an evidence is: elements that are hardly told apart, known a thousand times as well as the reference.
+    for (weight, blur) in [(1e2, 1.0), (1e4, 1.0), (1e6, 1.0), (1e6, 1.5)] {
+        let near = |s: f64, e: usize| (-((s - e as f64) / blur).powi(2)).exp();
+        let mut exact = SMatrix::<f64, ELEMENTS, ELEMENTS>::zeros();
+        for sample in 0..200 {
+            let s = f64::from(sample) / 20.0 - 0.5;
+            let row = SVector::<f64, ELEMENTS>::from_fn(|e, _| near(s, e));
+            exact += row * row.transpose() * weight;
+        }
+        let information = Information {
+            matrix: exact.map(|value| value as f32),
+            vector: SVector::zeros(),
+        };
+        // The logger's own numbers, which are rounded already.
+        let given = information.matrix.map(f64::from);
+        let l = track.spread.map(f64::from);
+        let b = l * l.transpose();
+        let factor = (SMatrix::<f64, ELEMENTS, ELEMENTS>::identity() + given * b).lu();
+        let matrix = factor.solve(&given).expect("regular");
+        let (relative, covariance) = (track.relative(&information), matrix.try_inverse().expect("regular"));
+        let variances = relative.variances().expect("numbers");
+        let off = (0..ELEMENTS)
+            .map(|e| (f64::from(variances[e]) / covariance[(e, e)]).sqrt().ln().abs())
+            .fold(0.0, f64::max);
+        println!("weight {weight}, blur {blur}: deviations off by {off:.1e}");
+        assert!(off < 0.01, "{off}");
+    }
     let any = Information {
         matrix: SMatrix::identity(),
         vector: SVector::repeat(1.0),
@@ -172,6 +199,39 @@ fn no_number_of_passages_knows_more_than_the_reference() {
     }
 }
 
+#[test]
+fn an_evidence_that_is_restored_on_another_track_is_kept_as_if_it_had_been_retired() {
+    let track = learnt();
+    let of = |crc, spread| Basis {
+        bridge: 7,
+        track: crc,
+        spread,
+    };
+    let mut evidence = Evidence::new(Forgetting::NEVER);
+    for _ in 0..20 {
+        evidence.add(&passages(0.0, 0.02));
+    }
+    let mut buffer = [0; EVIDENCE_BYTES];
+    let bytes = evidence.to_bytes(&of(1, &track.spread), &mut buffer).expect("room");
+    let restored = |basis: &Basis<'_>| Evidence::from_bytes(bytes, basis, Forgetting::NEVER).expect("sound");
+    assert_eq!(restored(&of(1, &track.spread)), evidence);
+    let mut retired = evidence.clone();
+    retired.retire(&track);
+    for (crc, spread) in [(2, &track.spread), (2, &UNLEARNT.spread), (0, &UNLEARNT.spread)] {
+        assert_eq!(
+            restored(&of(crc, spread)),
+            retired,
+            "the new track's own spread does not matter"
+        );
+    }
+
+    // What was found before any track was learnt took the rails for smooth.
+    let mut buffer = [0; EVIDENCE_BYTES];
+    let bytes = evidence.to_bytes(&of(0, &UNLEARNT.spread), &mut buffer).expect("room");
+    let restored = Evidence::from_bytes(bytes, &of(1, &track.spread), Forgetting::NEVER);
+    assert_eq!(restored, Ok(Evidence::new(Forgetting::NEVER)));
+}
+
 /// Passages, the deviation of a damage found in each of them.
 fn passages(loss: f32, deviation: f32) -> Information {
     let weight = deviation.powi(-2);
@@ -196,9 +256,17 @@ fn what_an_earlier_track_told_of_the_bridge_is_kept_until_the_new_one_contradict
     assert_eq!(evidence.passages(), 20.0);
 
     // Through a restart.
+    let basis = Basis {
+        bridge: 7,
+        track: 1,
+        spread: &track.spread,
+    };
     let mut buffer = [0; EVIDENCE_BYTES];
-    let bytes = evidence.to_bytes(7, &mut buffer).expect("room");
-    assert_eq!(Evidence::from_bytes(bytes, 7, Forgetting::NEVER), Ok(evidence.clone()));
+    let bytes = evidence.to_bytes(&basis, &mut buffer).expect("room");
+    assert_eq!(
+        Evidence::from_bytes(bytes, &basis, Forgetting::NEVER),
+        Ok(evidence.clone())
+    );
 
     // The bridge is as it was: both count.
     evidence.add(&passages(0.0, 0.02));
@@ -229,21 +297,23 @@ fn a_changed_track_is_told_once_and_a_strange_train_is_not_taken_for_one() {
     let mut watch = Watch::NEW;
     let mut normal = chance(4);
     let mut same = || Some(normal() as f32);
-    for _ in 0..100 {
-        assert_eq!(watch.judge(&track, same()), Finding::Same);
+    for passage in 1..=100 {
+        assert_eq!(watch.judge(&track, passage, same()), Finding::Same);
     }
     // Two strangers in a row, one of them not explained at all.
-    assert_eq!(watch.judge(&track, Some(40.0)), Finding::Another);
-    assert_eq!(watch.judge(&track, None), Finding::Another);
-    assert_eq!(watch.judge(&track, same()), Finding::Same);
+    assert_eq!(watch.judge(&track, 101, Some(40.0)), Finding::Another);
+    assert_eq!(watch.judge(&track, 102, None), Finding::Another);
+    assert_eq!(watch.judge(&track, 103, same()), Finding::Same);
     // A large change.
-    let told: Vec<Finding> = (0..5).map(|_| watch.judge(&track, Some(12.0))).collect();
+    let told: Vec<Finding> = (104..109)
+        .map(|passage| watch.judge(&track, passage, Some(12.0)))
+        .collect();
     assert_eq!(
         told,
         [
             Finding::Another,
             Finding::Another,
-            Finding::Changed,
+            Finding::Changed { since: 104 },
             Finding::Another,
             Finding::Another
         ]
@@ -252,8 +322,18 @@ fn a_changed_track_is_told_once_and_a_strange_train_is_not_taken_for_one() {
     // A small one, of which no passage alone tells: twice what can stay unseen.
     let mut watch = Watch::NEW;
     let shift = 2.0 * (1.0 + unseen(&track)).ln() / track.scatter;
-    let told = (0..100).position(|_| watch.judge(&track, same().map(|z| z + shift)) == Finding::Changed);
-    assert!(told.is_some_and(|passages| passages < 40), "{told:?}");
+    for passage in 1..=30 {
+        watch.judge(&track, passage, same());
+    }
+    let told = (31..131).find_map(
+        |passage| match watch.judge(&track, passage, same().map(|z| z + shift)) {
+            Finding::Changed { since } => Some((passage, since)),
+            _ => None,
+        },
+    );
+    let (passage, since) = told.expect("told");
+    println!("changed with passage 31, told at {passage}, since {since}");
+    assert!(passage < 71 && (21..41).contains(&since), "{passage}, {since}");
 }
 
 #[test]
@@ -261,9 +341,9 @@ fn ten_healthy_years_raise_no_false_alarm() {
     let track = learnt();
     let mut watch = Watch::NEW;
     let mut normal = chance(5);
-    for passage in 0..200 * 365 * 10 {
+    for passage in 1..=200 * 365 * 10 {
         assert_eq!(
-            watch.judge(&track, Some(normal() as f32)),
+            watch.judge(&track, passage, Some(normal() as f32)),
             Finding::Same,
             "passage {passage}"
         );

@@ -7,11 +7,11 @@ use spanwatch::bridge::ReducedBridge;
 use spanwatch::guess;
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{
-    Alert, BLOCK_COUNTS, Channel, Configuration, Event, Memory, PassageReport, Quantity, Ranges, Status, TrackReport,
-    Traffic, Trigger,
+    Alert, BLOCK_COUNTS, Channel, Configuration, Event, Memory, PassagePiece, PassageReport, Quantity, Ranges, Reason,
+    Status, TrackReport, Traffic, Trigger, Verdict,
 };
 
-use crate::recording::Recording;
+use crate::recording::{Recording, Run};
 use crate::station::{Station, words};
 use crate::train::TrainName;
 use crate::{model, terminal};
@@ -190,13 +190,25 @@ impl Prepared {
         station: &mut Station,
         track: Option<&[u8]>,
         evidence: Option<&[u8]>,
+        tell: impl FnMut(&Told) -> Result<()>,
+    ) -> Result<Status> {
+        self.replay_keeping(station, track, evidence, tell, None)
+    }
+
+    /// As [`Self::replay`]; `keep` is given every passage that the learnt track did not explain, with its number.
+    pub fn replay_keeping(
+        &self,
+        station: &mut Station,
+        track: Option<&[u8]>,
+        evidence: Option<&[u8]>,
         mut tell: impl FnMut(&Told) -> Result<()>,
+        mut keep: Option<&mut Keep<'_>>,
     ) -> Result<Status> {
         if let Some(bridge) = &self.bridge {
             station.load(bridge)?;
         }
         if let Some(track) = track {
-            station.load_track(track)?;
+            station.keep_track(track)?;
         }
         station.configure(&self.configuration)?;
         if let Some(evidence) = evidence {
@@ -212,7 +224,7 @@ impl Prepared {
             for (block, counts) in of_run.chunks(rows * channels).enumerate() {
                 station.samples(run.first_sample + (block * rows) as u64, counts)?;
                 bar.inc((counts.len() / channels) as u64);
-                self.hear(station, &mut tell)?;
+                self.hear(station, &mut tell, keep.as_deref_mut())?;
             }
         }
         let status = station.finish()?;
@@ -224,14 +236,25 @@ impl Prepared {
                 words::restart(status.health.restart)
             );
         }
-        self.hear(station, &mut tell)?;
+        self.hear(station, &mut tell, keep)?;
         bar.finish_and_clear();
         Ok(status)
     }
 
-    fn hear(&self, station: &mut Station, tell: &mut impl FnMut(&Told) -> Result<()>) -> Result<()> {
+    fn hear(
+        &self,
+        station: &mut Station,
+        tell: &mut impl FnMut(&Told) -> Result<()>,
+        keep: Option<&mut Keep<'_>>,
+    ) -> Result<()> {
+        let mut strange = None;
         let time_s = |sample: u64| self.recording.start_s + sample as f64 * self.recording.interval_s;
         while let Some(event) = station.next_event() {
+            if let Event::Passage(report) = &event
+                && is_strange(&report.verdict)
+            {
+                strange = Some(report.passage);
+            }
             tell(&match event {
                 Event::Passage(report) => Told::Passage {
                     start_s: time_s(report.start_sample),
@@ -248,6 +271,53 @@ impl Prepared {
                 },
             })?;
         }
+        if let (Some(keep), Some(number)) = (keep, strange)
+            && let Some((first, values)) = station.strange_passage()?
+            && first.passage == number
+        {
+            keep(&self.kept(&first, &values), number)?;
+        }
         Ok(())
     }
+
+    /// A passage as a recording of its own, on the clock of this one.
+    fn kept(&self, first: &PassagePiece, values: &[f32]) -> Recording {
+        let mut kept = self.recording.clone();
+        let channels = usize::from(first.channels).max(1);
+        kept.start_s += first.first_sample as f64 * kept.interval_s;
+        // It names a file beside the recording, and what was learnt of the track takes its place.
+        kept.track = None;
+        kept.runs.clear();
+        kept.channels.iter_mut().for_each(|channel| channel.values.clear());
+        for (sample, row) in (0..).zip(values.chunks_exact(channels)) {
+            // A row that lacks a value is left out, as in any recording.
+            if row.iter().any(|value| value.is_nan()) {
+                continue;
+            }
+            let first_row = kept.rows();
+            match kept.runs.last_mut() {
+                Some(run) if run.first_sample + run.rows as u64 == sample => run.rows += 1,
+                _ => kept.runs.push(Run {
+                    first_row,
+                    first_sample: sample,
+                    rows: 1,
+                }),
+            }
+            for (channel, &value) in kept.channels.iter_mut().zip(row) {
+                channel.values.push(value.into());
+            }
+        }
+        kept
+    }
+}
+
+/// Hears of a passage and its number.
+pub type Keep<'a> = dyn FnMut(&Recording, u32) -> Result<()> + 'a;
+
+/// Whether a logger may have samples of a passage for the base station to learn its track from.
+fn is_strange(verdict: &Verdict) -> bool {
+    matches!(
+        verdict,
+        Verdict::NotIdentified(Reason::AnotherTrack | Reason::Uncalibrated | Reason::Unexplained | Reason::Implausible)
+    )
 }

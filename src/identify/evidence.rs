@@ -46,10 +46,13 @@
 //! **Bytes.** As the bridge's model ([`crate::bridge::blob`]):
 //!
 //! ```text
-//! "SWEV" | format version u8 | CRC-32C of the bridge's blob u32 | postcard of Layout | CRC-32C of all before     little endian
+//! "SWEV" | format version u8 | CRC-32C of the bridge's blob u32, of the track's u32 | postcard of Layout | CRC-32C of all before
 //! ```
 //!
-//! Cost: 1.9 kB; 1077 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
+//! all little endian. How uncertain the track was goes with them, so that a logger that goes on with another track keeps what was
+//! known by this one as if it had been retired.
+//!
+//! Cost: 1.9 kB; 1302 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
 
 use core::fmt;
 
@@ -59,15 +62,15 @@ use serde::{Deserialize, Serialize};
 use super::estimate::{Estimate, Information};
 use crate::capacity::ELEMENTS;
 use crate::math::{self, Real};
-use crate::track::learnt::{LearntTrack, UNLEARNT};
+use crate::track::learnt::{self, LearntTrack, Spread, TRIANGLE, UNLEARNT};
 use crate::wire::CRC32C;
 
 /// Version of the layout; a reader accepts its own only.
 pub const FORMAT_VERSION: u8 = 2;
 /// Bytes of an [`Evidence`] as written by [`Evidence::to_bytes`].
-pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 4 * (1 + 4 * PACKED) + 5 * 4 + CRC_BYTES;
+pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 4 * (1 + 4 * PACKED) + 5 * 4 + (1 + 4 * TRIANGLE) + CRC_BYTES;
 const MAGIC: [u8; 4] = *b"SWEV";
-const HEAD_BYTES: usize = MAGIC.len() + 1 + 4;
+const HEAD_BYTES: usize = MAGIC.len() + 1 + 4 + 4;
 const CRC_BYTES: usize = 4;
 /// Numbers of an information: a triangle and a vector.
 const PACKED: usize = ELEMENTS * (ELEMENTS + 1) / 2 + ELEMENTS;
@@ -191,6 +194,17 @@ pub enum Change {
     Sudden,
     /// It is no information (not finite, not positive semidefinite, or empty), and was left out.
     Unusable,
+}
+
+/// What an evidence rests on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Basis<'a> {
+    /// CRC-32C of the blob of the bridge's model.
+    pub bridge: u32,
+    /// CRC-32C of the blob of the learnt track; 0 where none was learnt.
+    pub track: u32,
+    /// How uncertain that track is.
+    pub spread: &'a Spread,
 }
 
 /// A sum of passages.
@@ -321,8 +335,13 @@ impl Evidence {
 
     /// Another track is learnt: what is remembered by this one is kept with the weight that it has by it, and the memories begin anew.
     pub fn retire(&mut self, track: &LearntTrack) {
+        self.retire_by(&track.spread);
+    }
+
+    fn retire_by(&mut self, spread: &Spread) {
+        let by_this = learnt::relative(spread, &self.information());
         let known = Memory {
-            information: self.against(track),
+            information: self.earlier.information.plus(&by_this),
             passages: self.passages(),
         };
         *self = Self {
@@ -355,9 +374,7 @@ impl Evidence {
     }
 
     /// Writes it into `buffer` and returns the part of it that is used, [`EVIDENCE_BYTES`]; none if there is no room.
-    ///
-    /// `bridge` is the CRC-32C of the bridge's blob.
-    pub fn to_bytes<'b>(&self, bridge: u32, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+    pub fn to_bytes<'b>(&self, basis: &Basis<'_>, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
         let layout = Layout {
             long: pack(&self.long.information),
             recent: pack(&self.recent.information),
@@ -370,11 +387,13 @@ impl Evidence {
                 self.earlier.passages,
             ],
             settling: self.settling,
+            spread: learnt::pack(basis.spread),
         };
         let (head, rest) = buffer.split_first_chunk_mut::<HEAD_BYTES>()?;
         let [m0, m1, m2, m3] = MAGIC;
-        let [b0, b1, b2, b3] = bridge.to_le_bytes();
-        *head = [m0, m1, m2, m3, FORMAT_VERSION, b0, b1, b2, b3];
+        let [b0, b1, b2, b3] = basis.bridge.to_le_bytes();
+        let [t0, t1, t2, t3] = basis.track.to_le_bytes();
+        *head = [m0, m1, m2, m3, FORMAT_VERSION, b0, b1, b2, b3, t0, t1, t2, t3];
         let body = postcard::to_slice(&layout, rest).ok()?.len();
         let end = HEAD_BYTES + body;
         let crc = CRC32C.checksum(buffer.get(..end)?).to_le_bytes();
@@ -382,10 +401,11 @@ impl Evidence {
         buffer.get(..end + CRC_BYTES)
     }
 
-    /// Reads and checks what [`Self::to_bytes`] wrote for the same `bridge`.
-    pub fn from_bytes(bytes: &[u8], bridge: u32, forgetting: Forgetting) -> Result<Self, EvidenceError> {
+    /// Reads and checks what [`Self::to_bytes`] wrote for the same bridge. What was gathered by another learnt track comes back
+    /// [retired](Self::retire); what was gathered without one is dropped where there is one now, as it took the rails for smooth.
+    pub fn from_bytes(bytes: &[u8], basis: &Basis<'_>, forgetting: Forgetting) -> Result<Self, EvidenceError> {
         let (head, _) = bytes.split_first_chunk::<HEAD_BYTES>().ok_or(EvidenceError::Length)?;
-        let [m0, m1, m2, m3, version, b0, b1, b2, b3] = *head;
+        let [m0, m1, m2, m3, version, b0, b1, b2, b3, t0, t1, t2, t3] = *head;
         if [m0, m1, m2, m3] != MAGIC {
             return Err(EvidenceError::NotEvidence);
         }
@@ -399,7 +419,7 @@ impl Evidence {
         if CRC32C.checksum(checked).to_le_bytes() != *crc {
             return Err(EvidenceError::Checksum);
         }
-        if u32::from_le_bytes([b0, b1, b2, b3]) != bridge {
+        if u32::from_le_bytes([b0, b1, b2, b3]) != basis.bridge {
             return Err(EvidenceError::Bridge);
         }
         let body = checked.get(HEAD_BYTES..).ok_or(EvidenceError::Length)?;
@@ -415,17 +435,24 @@ impl Evidence {
                 .ok_or(EvidenceError::Contents)
         };
         let [long, recent, stranger, earlier] = layout.passages;
+        let spread = learnt::unpack(&layout.spread).ok_or(EvidenceError::Contents)?;
         if !rest.is_empty() || !(0.0..=f32::MAX).contains(&layout.settling) {
             return Err(EvidenceError::Contents);
         }
-        Ok(Self {
+        let mut evidence = Self {
             forgetting,
             long: memory(&layout.long, long)?,
             recent: memory(&layout.recent, recent)?,
             settling: layout.settling,
             stranger: Some(memory(&layout.stranger, stranger)?).filter(|stranger| stranger.passages > 0.0),
             earlier: memory(&layout.earlier, earlier)?,
-        })
+        };
+        match u32::from_le_bytes([t0, t1, t2, t3]) {
+            track if track == basis.track => {}
+            0 => evidence = Self::new(forgetting),
+            _ => evidence.retire_by(&spread),
+        }
+        Ok(evidence)
     }
 }
 
@@ -460,6 +487,8 @@ struct Layout {
     earlier: Vec<f32, PACKED>,
     passages: [f32; 4],
     settling: f32,
+    /// Of the track.
+    spread: Vec<f32, TRIANGLE>,
 }
 
 /// The lower triangle, row by row, and the vector.

@@ -281,6 +281,7 @@ impl Pass {
             .unwrap_or(1)
             .max(1) as usize;
         let mut recorded = problem.recorded().skip(self.row);
+        let approached = simulation.last_approach();
         for _ in 0..rows {
             let Some(recorded) = recorded.next() else {
                 return true;
@@ -314,6 +315,10 @@ impl Pass {
             }
             self.row += 1;
             self.tenths += u64::from(cost * steps_per_sample);
+            // A car's approach is made up for at once, and is worth a slice of its own.
+            if simulation.last_approach() != approached {
+                break;
+            }
         }
         false
     }

@@ -184,6 +184,11 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         sample
     }
 
+    /// By what the approach that was stepped last is known; it changes with a sample in which a car's whole approach was stepped.
+    pub fn last_approach(&self) -> Option<(usize, T)> {
+        self.interaction.last_approach()
+    }
+
     /// Whether the first sample, that of rest, has been given; from then on it has.
     pub(super) fn start(&mut self) -> bool {
         core::mem::replace(&mut self.started, true)

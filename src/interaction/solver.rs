@@ -357,6 +357,12 @@ where
         self.cars.get(index % A).filter(|_| kept)
     }
 
+    /// By what the approach that was stepped last is known: it changes in the step that makes up for a car's approach, which costs as
+    /// much as a hundred others.
+    pub(super) fn last_approach(&self) -> Option<(usize, T)> {
+        self.approach.as_ref().map(|approach| (approach.kind, approach.since_s))
+    }
+
     /// Advances by one step. `cars` and `track` are those that the interaction began with.
     pub fn step<const K: usize>(&mut self, cars: &TrainSteps<T, D, C, K>, track: &(impl Track<T> + ?Sized)) {
         self.step_coupled(cars, track, &mut Coupling::none());

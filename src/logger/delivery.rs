@@ -3,7 +3,8 @@
 //! | item | waits in | its first piece |
 //! |---|---|---|
 //! | bridge model, learnt track | the [`room`](super::room) of the identification | ends an identification in progress, which is reported as [`Reason::Interrupted`] |
-//! | evidence, either way | a buffer of its own, 1,077 bytes | disturbs nothing |
+//! | a passage's samples, to the base station | the stream, until the next passage begins | disturbs nothing |
+//! | evidence, either way | a buffer of its own, 1,302 bytes | disturbs nothing |
 //!
 //! Pieces come in order from offset 0 on; a new first piece begins anew. A passage that comes while a model is on its way is identified
 //! by the old model, if there is one, and takes the room: the next piece is refused with [`Outcome::Chunk`], and the sender begins again.
@@ -18,7 +19,7 @@ use super::{Logger, adopt};
 use crate::capacity::MODEL_BLOB_BYTES;
 use crate::identify::evidence::{EVIDENCE_BYTES, Evidence};
 use crate::slot::Slot;
-use crate::wire::message::{CHUNK_BYTES, Chunk, Outcome, Reason, Verdict};
+use crate::wire::message::{BLOCK_COUNTS, CHUNK_BYTES, Chunk, Outcome, PassagePiece, Reason, Verdict};
 
 /// What comes in pieces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,6 +48,24 @@ struct Piece {
     offset: u32,
     bytes: usize,
     total: u32,
+}
+
+/// The last passage that a learnt track did not explain. Its samples are the stream's, as long as these have not been cleared since.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Strange {
+    /// Its number; 0: there was none.
+    pub(super) passage: u32,
+    pub(super) first_sample: u64,
+    /// [`Stream::clearings`](crate::passage::Stream::clearings) at that time.
+    pub(super) clearings: u32,
+}
+
+impl Strange {
+    pub(super) const NONE: Self = Self {
+        passage: 0,
+        first_sample: 0,
+        clearings: 0,
+    };
 }
 
 /// Something as far as it has come.
@@ -149,11 +168,29 @@ impl Logger {
             copy.bytes.clear();
             // There is room for the whole of it.
             let _ = copy.bytes.resize_default(EVIDENCE_BYTES);
-            let evidence = self.evidence.to_bytes(self.model_crc, &mut copy.bytes);
+            let basis = self.rails.basis(self.model_crc);
+            let evidence = self.evidence.to_bytes(&basis, &mut copy.bytes);
             let used = evidence.map_or(0, <[u8]>::len);
             copy.bytes.truncate(used);
         }
         copy.give(offset)
+    }
+
+    /// Samples of the last passage that a learnt track did not explain, from value `offset` on; none once the next passage has begun.
+    pub fn give_passage(&self, offset: u32) -> PassagePiece {
+        let samples = match self.strange.clearings == self.stream.clearings() && self.strange.passage > 0 {
+            true => self.stream.passage_samples(),
+            false => &[],
+        };
+        let rest = samples.get(offset as usize..).unwrap_or_default();
+        PassagePiece {
+            passage: if samples.is_empty() { 0 } else { self.strange.passage },
+            first_sample: self.strange.first_sample,
+            channels: self.configuration.as_ref().map_or(0, |c| c.channels.len()) as u8,
+            total: samples.len() as u32,
+            offset,
+            values: rest.iter().take(BLOCK_COUNTS).copied().collect(),
+        }
     }
 
     /// Takes a piece of something that needs the room of the identification.
@@ -194,7 +231,7 @@ impl Logger {
     fn restore_delivered(&mut self) -> Outcome {
         let restored = Evidence::from_bytes(
             &self.deliveries.evidence.bytes,
-            self.model_crc,
+            &self.rails.basis(self.model_crc),
             self.evidence.forgetting(),
         );
         restored.map_or_else(Outcome::Evidence, |evidence| {

@@ -1,7 +1,7 @@
 //! What the logger knows of the rails: the track that was learnt, and whether it is still that.
 
 use crate::bridge::ReducedBridge;
-use crate::identify::evidence::Evidence;
+use crate::identify::evidence::{Basis, Evidence};
 use crate::slot::Slot;
 use crate::track::blob::{self, TrackError};
 use crate::track::learnt::{LearntTrack, UNLEARNT};
@@ -57,8 +57,18 @@ impl Rails {
         bridge.rayleigh = self.rayleigh.map(|coefficient| coefficient * damping);
     }
 
-    /// Takes a learnt track, as [`blob::write()`] makes it. What is known of the bridge by an earlier one is kept with its own weight. A track
-    /// that is refused changes nothing; the one that is known comes again without effect.
+    /// What the evidence rests on.
+    pub(super) fn basis(&self, bridge: u32) -> Basis<'_> {
+        Basis {
+            bridge,
+            track: self.crc,
+            spread: &self.learnt().spread,
+        }
+    }
+
+    /// Takes a learnt track, as [`blob::write()`] makes it. What is known of the bridge by an earlier one is kept with its own weight; what was
+    /// found before any was learnt is not, since it took the rails for smooth. A track that is refused changes nothing. The one that is
+    /// known may come again, which takes back that it has changed.
     pub(super) fn adopt(
         &mut self,
         bytes: &[u8],
@@ -68,14 +78,19 @@ impl Rails {
     ) -> Result<(), TrackError> {
         let crc = CRC32C.checksum(bytes);
         if crc == self.crc && self.learnt.as_ref().is_some() {
+            if self.watch.has_changed() {
+                self.watch = Watch::NEW;
+            }
             return Ok(());
         }
         let first = self.learnt.as_ref().is_none();
         // Retired before it is known whether the new track is sound: a copy is small, a second track is not.
         let mut retired = evidence.clone();
-        retired.retire(self.learnt());
         if first {
+            retired = Evidence::new(evidence.forgetting());
             self.learnt = Slot::Full(UNLEARNT.clone());
+        } else {
+            retired.retire(self.learnt());
         }
         let read = match self.learnt.as_mut() {
             Some(learnt) => blob::read_into(bytes, bridge_crc, learnt),

@@ -55,6 +55,8 @@ pub struct Stream {
     /// Samples of the open passage or of one that has ended and is held.
     samples: PassageSamples,
     held: bool,
+    /// How often they have been cleared for another passage.
+    clearings: u32,
     quality: Quality,
 }
 
@@ -76,6 +78,7 @@ impl Stream {
             ended: Deque::new(),
             samples: PassageSamples::new(),
             held: false,
+            clearings: 0,
             quality: Quality::NONE,
         }
     }
@@ -96,7 +99,7 @@ impl Stream {
         self.lead.clear();
         self.open = Slot::Empty;
         self.ended.clear();
-        self.samples.clear();
+        self.clear();
         self.held = false;
         self.quality = Quality::NONE;
     }
@@ -121,9 +124,20 @@ impl Stream {
         &self.samples
     }
 
-    /// The samples of the passage that ended are no longer needed; until then later ones are not kept.
+    /// The samples of the passage that ended are no longer needed; until then later ones are not kept. They stay until the next
+    /// passage needs their room, and [`Self::clearings`] rises.
     pub fn release(&mut self) {
         self.held = false;
+    }
+
+    /// How often the room for a passage's samples has been cleared.
+    pub fn clearings(&self) -> u32 {
+        self.clearings
+    }
+
+    fn clear(&mut self) {
+        self.samples.clear();
+        self.clearings = self.clearings.wrapping_add(1);
     }
 
     /// Takes a block of counts, channel after channel within a sample, of which the first sample has index
@@ -232,7 +246,7 @@ impl Stream {
         let mut kept = Kept::Busy;
         if !self.held {
             kept = Kept::Whole;
-            self.samples.clear();
+            self.clear();
             for (value, c) in self.lead.iter().zip((0..channels).cycle()) {
                 if self.samples.push(value - self.detector.offset(c)).is_err() {
                     kept = Kept::TooLong;

@@ -12,9 +12,9 @@ use core::fmt;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::learnt::{LearntTrack, Unexplained};
+use super::learnt::{self, LearntTrack, TRIANGLE, Unexplained};
 use super::profile::{Knots, STRETCHES, Stretch};
-use crate::capacity::{CHANNELS, ELEMENTS, PROFILE_COEFFICIENTS};
+use crate::capacity::{CHANNELS, PROFILE_COEFFICIENTS};
 use crate::wire::CRC32C;
 
 /// Version of the layout; a reader accepts its own only.
@@ -24,10 +24,12 @@ pub const TRACK_BLOB_BYTES: usize = 1024;
 const MAGIC: [u8; 4] = *b"SWTP";
 const HEAD_BYTES: usize = MAGIC.len() + 1 + 4;
 const CRC_BYTES: usize = 4;
-/// Numbers of the triangle of the spread.
-const TRIANGLE: usize = ELEMENTS * (ELEMENTS + 1) / 2;
-/// Highest believable rail, m.
-const HIGHEST_M: f32 = 1.0;
+/// Largest believable coefficient, m: no rail is laid so badly.
+const HIGHEST_M: f32 = 0.1;
+/// Farthest believable knot, m from node 1.
+const FARTHEST_M: f32 = 10_000.0;
+/// Largest scatter of a logarithm by which anything can be told.
+const WIDEST: f32 = 10.0;
 /// Believable stiffness and damping, as parts of the model's; more is another bridge.
 const STIFFNESS: core::ops::RangeInclusive<f32> = 0.5..=2.0;
 const DAMPING: core::ops::RangeInclusive<f32> = 0.05..=20.0;
@@ -99,13 +101,12 @@ pub fn write<'b>(
     bridge: u32,
     buffer: &'b mut [u8],
 ) -> Result<&'b [u8], TrackError> {
-    let triangle = (0..ELEMENTS).flat_map(|i| (0..=i).map(move |j| track.spread[(i, j)]));
     let layout = Layout {
         stretches: Vec::from_slice(track.profile.knots().stretches()).map_err(|_| TrackError::Contents)?,
         coefficients: Vec::from_slice(coefficients).map_err(|_| TrackError::Contents)?,
         stiffness: track.stiffness,
         damping: track.damping,
-        spread: triangle.collect(),
+        spread: learnt::pack(&track.spread),
         unexplained: track.unexplained.map(|of| (of.floor, of.part)),
         scatter: track.scatter,
         passages: track.passages,
@@ -149,20 +150,13 @@ pub fn read_into(bytes: &[u8], bridge: u32, track: &mut LearntTrack) -> Result<(
     if !rest.is_empty() {
         return Err(TrackError::Length);
     }
-    let knots = Knots::new(&layout.stretches).ok_or(TrackError::Contents)?;
-    if !is_believable(&layout, &knots) {
-        return Err(TrackError::Contents);
-    }
+    let knots = Knots::new(&layout.stretches)
+        .filter(|knots| is_believable(&layout, knots))
+        .ok_or(TrackError::Contents)?;
+    track.spread = learnt::unpack(&layout.spread).ok_or(TrackError::Contents)?;
     track.profile.set(knots, layout.coefficients.iter().copied());
     track.stiffness = layout.stiffness;
     track.damping = layout.damping;
-    let mut triangle = layout.spread.iter().copied();
-    track.spread.fill(0.0);
-    for i in 0..ELEMENTS {
-        for j in 0..=i {
-            track.spread[(i, j)] = triangle.next().unwrap_or_default();
-        }
-    }
     track.unexplained = layout.unexplained.map(|(floor, part)| Unexplained { floor, part });
     track.scatter = layout.scatter;
     track.passages = layout.passages;
@@ -171,20 +165,18 @@ pub fn read_into(bytes: &[u8], bridge: u32, track: &mut LearntTrack) -> Result<(
 }
 
 fn is_believable(layout: &Layout, knots: &Knots<f32>) -> bool {
-    let positive = |value: f32| value >= 0.0 && value.is_finite();
-    let mut diagonal = (0..ELEMENTS).map(|i| layout.spread.get(i * (i + 3) / 2).copied().unwrap_or(-1.0));
+    let near = |x_m: f32| x_m.abs() <= FARTHEST_M;
+    let makes_sense = |&(floor, part): &(f32, f32)| floor >= 0.0 && floor.is_finite() && (0.0..1.0).contains(&part);
+    let known = |&(floor, part): &(f32, f32)| floor > 0.0 || part > 0.0;
     layout.coefficients.len() == knots.coefficients()
+        && knots.extent_m().is_some_and(|[first, last]| near(first) && near(last))
         && layout.coefficients.iter().all(|height| height.abs() <= HIGHEST_M)
         && STIFFNESS.contains(&layout.stiffness)
         && DAMPING.contains(&layout.damping)
-        && layout.spread.len() == TRIANGLE
-        && layout.spread.iter().all(|value| value.is_finite())
-        && diagonal.all(positive)
-        && layout
-            .unexplained
-            .iter()
-            .all(|&(floor, part)| positive(floor) && positive(part))
+        && layout.unexplained.iter().all(makes_sense)
+        && layout.unexplained.iter().any(known)
         && layout.scatter > 0.0
-        && layout.scatter.is_finite()
+        && layout.scatter <= WIDEST
         && layout.passages > 1
+        && layout.speeds != [0; 2]
 }

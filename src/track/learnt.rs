@@ -13,6 +13,7 @@
 //! in which nothing cancels, however much or little the passages say (covariances add; Schmidt's "consider" parameters: what is not
 //! estimated but known to be uncertain).
 
+use heapless::Vec;
 use nalgebra::{SMatrix, SVector};
 
 use super::profile::Profile;
@@ -26,6 +27,11 @@ const FIRST_BAND_MPS: f32 = 5.0;
 /// Bands in which the speed doubles: 6 % each. 64 of them reach 200 m/s.
 const BANDS_AN_OCTAVE: f32 = 12.0;
 
+/// A lower triangle with a positive diagonal, or zero.
+pub type Spread = SMatrix<f32, ELEMENTS, ELEMENTS>;
+/// Numbers of a triangle.
+pub const TRIANGLE: usize = ELEMENTS * (ELEMENTS + 1) / 2;
+
 /// A track as it was learnt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearntTrack {
@@ -35,8 +41,8 @@ pub struct LearntTrack {
     pub stiffness: f32,
     /// Damping of the bridge, as a part of its model's.
     pub damping: f32,
-    /// `L`, lower triangle; zero where the track is known exactly.
-    pub spread: SMatrix<f32, ELEMENTS, ELEMENTS>,
+    /// `L`; zero where the track is known exactly.
+    pub spread: Spread,
     /// What is left unexplained of each channel.
     pub unexplained: [Unexplained; CHANNELS],
     /// Standard deviation, from passage to passage, of the logarithm of what is left over what is expected to be.
@@ -75,58 +81,7 @@ impl LearntTrack {
 
     /// What passages of this information say of the elements, the reference being as uncertain as it is.
     pub fn relative(&self, passages: &Information) -> Information {
-        let l = &self.spread;
-        if (0..ELEMENTS).any(|e| l[(e, e)] <= 0.0) {
-            return *passages;
-        }
-        // S = L^T I L, and 1 + S.
-        let mut half = SMatrix::<f32, ELEMENTS, ELEMENTS>::zeros();
-        let mut s = half;
-        for i in 0..ELEMENTS {
-            for j in 0..ELEMENTS {
-                for k in j..ELEMENTS {
-                    half[(i, j)] += passages.matrix[(i.max(k), i.min(k))] * l[(k, j)];
-                }
-            }
-        }
-        for i in 0..ELEMENTS {
-            for j in 0..ELEMENTS {
-                for k in i..ELEMENTS {
-                    s[(i, j)] += l[(k, i)] * half[(k, j)];
-                }
-            }
-        }
-        let mut right = SVector::<f32, ELEMENTS>::zeros();
-        for i in 0..ELEMENTS {
-            for k in i..ELEMENTS {
-                right[i] += l[(k, i)] * passages.vector[k];
-            }
-        }
-        let mut one_and = s;
-        for e in 0..ELEMENTS {
-            one_and[(e, e)] += 1.0;
-        }
-        // Numbers that are none have no factor, and say nothing.
-        let Some(factor) = one_and.cholesky() else {
-            return Information::ZERO;
-        };
-        factor.solve_mut(&mut s);
-        factor.solve_mut(&mut right);
-        // L^-T from the left, L^-1 from the right.
-        for column in 0..ELEMENTS {
-            solve_transposed(l, |i| s[(i, column)], &mut half, column);
-        }
-        let mut matrix = SMatrix::zeros();
-        for row in 0..ELEMENTS {
-            solve_transposed(l, |i| half[(row, i)], &mut matrix, row);
-        }
-        let mut vector = SMatrix::<f32, ELEMENTS, ELEMENTS>::zeros();
-        solve_transposed(l, |i| right[i], &mut vector, 0);
-        Information {
-            // What rounding has made of the symmetry is shared out.
-            matrix: SMatrix::from_fn(|i, j| 0.5 * (matrix[(i, j)] + matrix[(j, i)])),
-            vector: SVector::from_fn(|i, _| vector[(i, 0)]),
-        }
+        relative(&self.spread, passages)
     }
 
     /// Mean over the channels of the logarithm of what is left of a passage over what is expected to be, in deviations of one
@@ -135,7 +90,8 @@ impl LearntTrack {
         let (mut sum, mut count) = (0.0, 0.0);
         for ([power, left], expected) in mean_squares.iter().zip(&self.unexplained) {
             let expected = expected.floor + expected.part * power;
-            if expected > 0.0 {
+            // A channel of which nothing came says nothing.
+            if expected > 0.0 && *power > 0.0 {
                 sum += math::ln((left / expected).max(f32::MIN_POSITIVE));
                 count += 1.0;
             }
@@ -149,6 +105,82 @@ impl LearntTrack {
         let about = band | band << 1 | band >> 1;
         (self.speeds.get(train as usize)).is_some_and(|speeds| speeds & about != 0)
     }
+}
+
+/// See [`LearntTrack::relative`].
+pub fn relative(l: &Spread, passages: &Information) -> Information {
+    if (0..ELEMENTS).any(|e| l[(e, e)] <= 0.0) {
+        return *passages;
+    }
+    // S = L^T I L, and 1 + S.
+    let mut half = SMatrix::<f32, ELEMENTS, ELEMENTS>::zeros();
+    let mut s = half;
+    for i in 0..ELEMENTS {
+        for j in 0..ELEMENTS {
+            for k in j..ELEMENTS {
+                half[(i, j)] += passages.matrix[(i.max(k), i.min(k))] * l[(k, j)];
+            }
+        }
+    }
+    for i in 0..ELEMENTS {
+        for j in 0..ELEMENTS {
+            for k in i..ELEMENTS {
+                s[(i, j)] += l[(k, i)] * half[(k, j)];
+            }
+        }
+    }
+    let mut right = SVector::<f32, ELEMENTS>::zeros();
+    for i in 0..ELEMENTS {
+        for k in i..ELEMENTS {
+            right[i] += l[(k, i)] * passages.vector[k];
+        }
+    }
+    let mut one_and = s;
+    for e in 0..ELEMENTS {
+        one_and[(e, e)] += 1.0;
+    }
+    // Numbers that are none have no factor, and say nothing.
+    let Some(factor) = one_and.cholesky() else {
+        return Information::ZERO;
+    };
+    factor.solve_mut(&mut s);
+    factor.solve_mut(&mut right);
+    // L^-T from the left, L^-1 from the right.
+    for column in 0..ELEMENTS {
+        solve_transposed(l, |i| s[(i, column)], &mut half, column);
+    }
+    let mut matrix = SMatrix::zeros();
+    for row in 0..ELEMENTS {
+        solve_transposed(l, |i| half[(row, i)], &mut matrix, row);
+    }
+    let mut vector = SMatrix::<f32, ELEMENTS, ELEMENTS>::zeros();
+    solve_transposed(l, |i| right[i], &mut vector, 0);
+    Information {
+        // What rounding has made of the symmetry is shared out.
+        matrix: SMatrix::from_fn(|i, j| 0.5 * (matrix[(i, j)] + matrix[(j, i)])),
+        vector: SVector::from_fn(|i, _| vector[(i, 0)]),
+    }
+}
+
+/// A spread as it travels: its triangle, row by row.
+pub fn pack(spread: &Spread) -> Vec<f32, TRIANGLE> {
+    (0..ELEMENTS)
+        .flat_map(|i| (0..=i).map(move |j| spread[(i, j)]))
+        .collect()
+}
+
+/// The spread of a triangle; none if it is not one.
+pub fn unpack(triangle: &[f32]) -> Option<Spread> {
+    let mut spread = Spread::zeros();
+    let mut values = triangle.iter().copied();
+    for i in 0..ELEMENTS {
+        for j in 0..=i {
+            spread[(i, j)] = values.next()?;
+        }
+    }
+    let positive = (0..ELEMENTS).all(|e| spread[(e, e)] > 0.0);
+    let sound = triangle.len() == TRIANGLE && triangle.iter().all(|value| value.is_finite());
+    (sound && (positive || spread == Spread::zeros())).then_some(spread)
 }
 
 /// `L^-T` times the column that `right` gives, into column `to` of `solution`.

@@ -14,7 +14,7 @@ use crate::logger::ConfigurationError;
 use crate::track::blob::TrackError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 6;
+pub const VERSION: u8 = 7;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -43,6 +43,12 @@ pub enum Request {
     Restore(Chunk),
     /// A piece of a learnt track's blob.
     Track(Chunk),
+    /// Send samples of the last passage that a learnt track did not explain ([`PassagePiece`]), from this value on: the track can be
+    /// learnt anew from such.
+    Passage {
+        /// The value; 0 for the first piece.
+        offset: u32,
+    },
 }
 
 /// What a logger says to each request.
@@ -55,6 +61,8 @@ pub enum Answer {
     Status(Status),
     /// A piece of what all passages say of the bridge.
     Evidence(Chunk),
+    /// Samples of a passage.
+    Passage(PassagePiece),
 }
 
 /// What a logger says on its own.
@@ -76,6 +84,8 @@ pub struct TrackReport {
     pub passage: u32,
     /// Index of the first sample of its motion.
     pub start_sample: u64,
+    /// Number of the passage from which on it seems to have been another one; 0: before the start.
+    pub since: u32,
     /// Deviations by which it leaves more unexplained than healthy passages did.
     pub misfit: f32,
     /// The same on a running mean of the last twenty.
@@ -267,6 +277,24 @@ pub struct Chunk {
     pub total: u32,
     /// The bytes.
     pub bytes: Vec<u8, CHUNK_BYTES>,
+}
+
+/// Samples of a passage that a learnt track did not explain. They are there until the next passage begins: pieces of different passages
+/// do not belong together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PassagePiece {
+    /// Number of the passage since the start, from 1; 0: there is none.
+    pub passage: u32,
+    /// Index of its first sample in the stream.
+    pub first_sample: u64,
+    /// Channels in each sample.
+    pub channels: u8,
+    /// Values of the whole.
+    pub total: u32,
+    /// Place of the first value in the whole.
+    pub offset: u32,
+    /// The values without offset, m/s² (m), channel after channel within a sample; not-a-number where there is none.
+    pub values: Vec<f32, BLOCK_COUNTS>,
 }
 
 /// Raw counts of consecutive samples, channel after channel within a sample.

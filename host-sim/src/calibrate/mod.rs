@@ -156,8 +156,8 @@ pub struct Calibration {
     pub floor: [f64; ELEMENTS],
     /// The part of it that comes from what these passages leave unknown: no drift of the track that is not seen.
     pub floor_learnt: [f64; ELEMENTS],
-    /// What that would be, had each of these passages been there twice.
-    pub floor_twice: [f64; ELEMENTS],
+    /// What both would be, had each of these passages been there twice.
+    pub floors_twice: [[f64; ELEMENTS]; 2],
     /// The smallest change of the rails, of waves below 20 m, that the logger's test of the track sees in the long run, RMS, m.
     pub unseen_m: f64,
     /// Of each passage, in the order in which they were given.
@@ -266,11 +266,13 @@ pub fn calibrate(
     progress(turns, turns);
     let (learnt, _, floor) = learnt;
     let unseen_m = unseen_m(&solved.passages, &joint.short, unseen(&learnt).into());
-    let unknown = |covariance: &DMatrix<f64>| {
-        Ok::<_, anyhow::Error>(deviations(&joint.floor(&candidates, &solved, covariance, 0.0)?))
+    let floor_of = |covariance: &DMatrix<f64>, drift_m: f64| {
+        let floor = joint.floor(&candidates, &solved, covariance, drift_m)?;
+        Ok::<_, anyhow::Error>(deviations(&floor))
     };
-    let floor_learnt = unknown(&solved.covariance)?;
-    let floor_twice = unknown(&joint.step(&solved.passages, 2.0)?.1)?;
+    let floor_learnt = floor_of(&solved.covariance, 0.0)?;
+    let (_, twice) = joint.step(&solved.passages, 2.0)?;
+    let floors_twice = [floor_of(&twice, options.drift_m)?, floor_of(&twice, 0.0)?];
     let deviation = |place: usize| solved.covariance[(place, place)].max(0.0).sqrt();
     let shared = &joint.shared;
     Ok(Calibration {
@@ -289,7 +291,7 @@ pub fn calibrate(
         floor,
         floor_learnt,
         unseen_m,
-        floor_twice,
+        floors_twice,
         passages: outcomes,
         steps: solved.steps,
         knots,

@@ -6,7 +6,8 @@ use anyhow::{Context, Result};
 use clap::Args;
 use host_sim::channel::{self, QemuOptions, Via};
 use host_sim::output;
-use host_sim::replay::{self, Told};
+use host_sim::recording::Recording;
+use host_sim::replay::{self, Keep, Told};
 use host_sim::station::{Station, store::Store, words};
 use serde_json::json;
 use spanwatch::wire::message::{Alert, PassageReport, Quantity, Status, Verdict};
@@ -35,6 +36,9 @@ pub(super) struct Arguments {
     /// A track that was learnt (host-sim calibrate): the logger monitors with it
     #[arg(long, value_name = "FILE.blob")]
     track: Option<PathBuf>,
+    /// Folder for the passages that the learnt track does not explain, as recordings to learn it anew from
+    #[arg(long, value_name = "DIR", requires = "track")]
+    keep: Option<PathBuf>,
     /// Seed of the logger's search
     #[arg(long, default_value_t = replay::DEFAULT_SEED)]
     seed: u64,
@@ -97,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             };
             super::print(&format!("{source}{open}\n"))?;
         }
-        let status = prepared.replay(&mut station, track.as_deref(), evidence.as_deref(), |told| match told {
+        let tell = |told: &Told| match told {
             Told::Passage { report, start_s, end_s } => {
                 passages += 1;
                 if arguments.json {
@@ -116,6 +120,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                         "recording": source,
                         "state": "changed",
                         "passage": report.passage,
+                        "since": report.since,
                         "start_s": start_s,
                         "misfit": report.misfit,
                         "mean_misfit": report.mean_misfit,
@@ -134,7 +139,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                     super::print(&format!("  {text}\n"))
                 }
             }
-        })?;
+        };
+        let mut write = |recording: &Recording, number: u32| match &arguments.keep {
+            Some(folder) => keep(folder, &prepared.path, recording, number),
+            None => Ok(()),
+        };
+        let write: &mut Keep<'_> = &mut write;
+        let kept = arguments.keep.is_some().then_some(write);
+        let status = prepared.replay_keeping(&mut station, track.as_deref(), evidence.as_deref(), tell, kept)?;
         if status.passages == 0 && !arguments.json {
             super::print(&format!(
                 "  {}\n",
@@ -174,6 +186,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         _ => format!(" The alerts are stored in {}.", arguments.database.display()),
     };
     super::print(&format!("{}{stored}\n", words::status(&status)))
+}
+
+/// Writes a passage that the learnt track did not explain into `folder`, named by the recording it is of and its number.
+fn keep(folder: &Path, source: &Path, recording: &Recording, number: u32) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let stem = source.file_stem().unwrap_or_default().to_string_lossy();
+    let path = folder.join(format!("{stem}-passage{number}.csv"));
+    let remark =
+        format!("Passage {number} of {stem}, as a logger kept it: the track that it had learnt does not explain it.");
+    recording.write(&path, &[remark])
 }
 
 fn open_store<'s>(store: &'s mut Option<Store>, path: &Path) -> Result<&'s mut Store> {

@@ -11,7 +11,8 @@ use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::wire::frame::Refusal;
 use spanwatch::wire::message::{
-    Acknowledgement, Answer, CHUNK_BYTES, Chunk, Configuration, Event, Outcome, Request, SampleBlock, Status,
+    Acknowledgement, Answer, CHUNK_BYTES, Chunk, Configuration, Event, Outcome, PassagePiece, Request, SampleBlock,
+    Status,
 };
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
@@ -39,6 +40,8 @@ pub struct Station {
     sequence: u32,
     events: VecDeque<Event>,
     frames: u64,
+    /// The last track that was sent to stay.
+    track: Option<Vec<u8>>,
 }
 
 impl Station {
@@ -51,6 +54,7 @@ impl Station {
             sequence: 0,
             events: VecDeque::new(),
             frames: 0,
+            track: None,
         }
     }
 
@@ -82,6 +86,37 @@ impl Station {
     /// Gives the logger a learnt track, as [`calibrate`](crate::calibrate) writes it.
     pub fn load_track(&mut self, track: &[u8]) -> Result<()> {
         self.send_whole(track, Request::Track)
+    }
+
+    /// Sees to it that the logger has a learnt track; one that it has been given already is not sent again, since that would take back
+    /// that it has changed.
+    pub fn keep_track(&mut self, track: &[u8]) -> Result<()> {
+        if self.track.as_deref() != Some(track) {
+            self.load_track(track)?;
+            self.track = Some(track.to_vec());
+        }
+        Ok(())
+    }
+
+    /// The last passage that the learnt track did not explain, as its first piece, and the values of all pieces; none if the logger
+    /// has it no longer.
+    pub fn strange_passage(&mut self) -> Result<Option<(PassagePiece, Vec<f32>)>> {
+        let mut whole: Option<(PassagePiece, Vec<f32>)> = None;
+        loop {
+            let offset = whole.as_ref().map_or(0, |(_, values)| values.len() as u32);
+            let Answer::Passage(piece) = self.ask(&Request::Passage { offset })? else {
+                bail!("the logger answers a question with something else: is it of another version?");
+            };
+            let (first, values) = whole.get_or_insert_with(|| (piece.clone(), vec![]));
+            if piece.passage == 0 || piece.values.is_empty() || piece.passage != first.passage {
+                // There is none, or another one has come meanwhile.
+                return Ok(None);
+            }
+            values.extend_from_slice(&piece.values);
+            if values.len() >= piece.total as usize {
+                return Ok(whole);
+            }
+        }
     }
 
     /// What all passages say of the bridge, as the logger keeps it.

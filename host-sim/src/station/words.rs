@@ -57,8 +57,13 @@ pub fn passage(report: &PassageReport, quantities: &[Quantity], start_s: f64, en
 
 /// The track has changed.
 pub fn track_changed(report: &TrackReport, start_s: f64) -> String {
+    let since = match report.since {
+        0 => String::new(),
+        since if since == report.passage => String::new(),
+        since => format!(", perhaps since passage {since}"),
+    };
     format!(
-        "TRACK CHANGED, seen in passage {} at {start_s:.2} s: it leaves {:.0} standard deviations more unexplained than healthy passages \
+        "TRACK CHANGED, seen in passage {} at {start_s:.2} s{since}: it leaves {:.0} standard deviations more unexplained than healthy passages \
          did, the last twenty on average {:.1}. This is not damage. Nothing is identified until the track is learnt anew from passages \
          after the change (host-sim calibrate --damaged); what was known of the bridge is kept.",
         report.passage, report.misfit, report.mean_misfit
