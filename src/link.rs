@@ -21,7 +21,7 @@ pub trait Board {
     fn health(&mut self) -> Health;
 }
 
-/// State of the logger and of its line. Large, 103 KiB: it belongs in static memory.
+/// State of the logger and of its line. Large, 105 KiB: it belongs in static memory.
 #[derive(Debug, Clone)]
 pub struct RemoteLogger {
     decoder: Decoder,

@@ -35,7 +35,7 @@ use crate::track::blob::TrackError;
 use crate::track::learnt::LearntTrack;
 use crate::track::watch::Finding;
 use crate::train::PlanarTrain;
-use crate::wire::CRC32C;
+use crate::wire::fingerprint;
 use crate::wire::message::{
     Alert, Channel, Configuration, Event, Fit, Memory, PassageReport, Quality, Quantity, Ranges, Reason, RivalReport,
     TrackReport, TrackState, Traffic, Trigger, Verdict,
@@ -266,7 +266,7 @@ pub struct Logger {
     strange: Strange,
     /// What all passages say.
     evidence: Evidence,
-    /// CRC-32C of the bridge model, by which its evidence is known.
+    /// The bridge model's [`fingerprint`], by which its evidence is known.
     model_crc: u32,
     events: Deque<Event, EVENTS>,
     passages: u32,
@@ -690,7 +690,7 @@ fn adopt(
     evidence: &mut Evidence,
 ) -> Result<(), BlobError> {
     blob::read_into(model, bridge)?;
-    let crc = CRC32C.checksum(model);
+    let crc = fingerprint(model);
     if crc != *bridge_crc {
         *bridge_crc = crc;
         *evidence = Evidence::new(evidence.forgetting());

@@ -1,7 +1,7 @@
 //! A place that is empty or holds a value, and whose empty state is all zeros.
 //!
 //! [`Option`] may say "none" with a value that its content cannot have, which is seldom zero. One such byte puts the whole
-//! static that it is in, with its 103 KiB of buffers, into the image's initialised data. A [`Slot`] keeps it in `.bss`.
+//! static that it is in, with its 105 KiB of buffers, into the image's initialised data. A [`Slot`] keeps it in `.bss`.
 
 /// An [`Option`] with a tag of its own.
 #[derive(Debug, Clone, Default)]

@@ -14,7 +14,7 @@ use spanwatch::capacity::CHANNELS;
 use spanwatch::track::blob::{TRACK_BLOB_BYTES, write};
 use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Profile, Stretch};
-use spanwatch::wire::CRC32C;
+use spanwatch::wire::fingerprint;
 
 /// Noise of a sensor, as a part of its RMS.
 const NOISE: f32 = 0.05;
@@ -76,7 +76,7 @@ pub fn learn(rails: &Path, speed_kmh: f32) -> Vec<u8> {
         speeds: [1 << speed_band(speed_kmh / 3.6), 0],
         ..UNLEARNT.clone()
     };
-    let crc = CRC32C.checksum(&model::to_blob(&bridge).expect("room"));
+    let crc = fingerprint(&model::to_blob(&bridge).expect("room"));
     let mut buffer = [0; TRACK_BLOB_BYTES];
     write(&learnt, &coefficients, crc, &mut buffer).expect("room").to_vec()
 }

@@ -8,10 +8,16 @@ use std::path::Path;
 use std::process::Command;
 
 use host_sim::channel::InProcess;
+use host_sim::model;
+use host_sim::model::reduce::reduce;
 use host_sim::recording::Recording;
 use host_sim::replay::{self, Told};
 use host_sim::station::Station;
 use rails::{lay, learn, record};
+use spanwatch::identify::evidence::{EVIDENCE_BYTES, EvidenceError};
+use spanwatch::logger::Logger;
+use spanwatch::track::blob::TrackError;
+use spanwatch::wire::fingerprint;
 use spanwatch::wire::message::{Reason, TrackState, Verdict};
 use tempfile::TempDir;
 
@@ -148,15 +154,31 @@ fn what_a_logger_keeps_is_a_recording_like_any_other() {
     assert!(again.contains("\"event\":\"passage\""), "{again}");
 }
 #[test]
-fn tmp() {
+fn what_belongs_to_one_bridge_is_refused_by_another() {
+    let model = |name: &str| {
+        let bridge = reduce(&model::shipped(name).expect("shipped")).expect("reduces");
+        model::to_blob(&bridge).expect("room")
+    };
+    let (girder, other) = (model("girder50"), model("twospan"));
+    assert_ne!(fingerprint(&girder), fingerprint(&other));
     let folder = TempDir::new().expect("a folder");
-    let folder = folder.path();
-    let (old, new) = (lay(folder, "old", 1), lay(folder, "new", 2));
-    let (old_track, new_track) = (learn(&old, 60.0), learn(&new, 60.0));
-    let path = record(folder, "p", &new, "--speed-kmh 60 --seed 9");
-    let mut station = Station::new(Box::new(InProcess::new()));
-    say(&mut station, &path, &new_track, &mut None);
-    let mut station = Station::new(Box::new(InProcess::new()));
-    say(&mut station, &path, &old_track, &mut None);
-    say(&mut station, &path, &new_track, &mut None);
+    let track = learn(&lay(folder.path(), "rails", 1), 60.0);
+    let mut logger = Box::new(Logger::new());
+    assert_eq!(
+        logger.load_track(&track),
+        Err(TrackError::Bridge),
+        "it has no bridge at all"
+    );
+    logger.load(&girder).expect("sound");
+    let mut evidence = [0; EVIDENCE_BYTES];
+    let evidence = logger.evidence(&mut evidence).to_vec();
+    logger.load_track(&track).expect("sound");
+    assert_eq!(logger.track_state(), TrackState::Learnt);
+    // The same model once more changes nothing; another one takes the track with it.
+    logger.load(&girder).expect("sound");
+    assert_eq!(logger.track_state(), TrackState::Learnt);
+    logger.load(&other).expect("sound");
+    assert_eq!(logger.track_state(), TrackState::Unknown);
+    assert_eq!(logger.load_track(&track), Err(TrackError::Bridge));
+    assert_eq!(logger.restore(&evidence), Err(EvidenceError::Bridge));
 }

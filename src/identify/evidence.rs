@@ -46,7 +46,7 @@
 //! **Bytes.** As the bridge's model ([`crate::bridge::blob`]):
 //!
 //! ```text
-//! "SWEV" | format version u8 | CRC-32C of the bridge's blob u32, of the track's u32 | postcard of Layout | CRC-32C of all before
+//! "SWEV" | format version u8 | fingerprint of the bridge's blob u32, of the track's u32 | postcard of Layout | CRC-32C of all before
 //! ```
 //!
 //! all little endian. How uncertain the track was goes with them, so that a logger that goes on with another track keeps what was
@@ -199,9 +199,9 @@ pub enum Change {
 /// What an evidence rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Basis<'a> {
-    /// CRC-32C of the blob of the bridge's model.
+    /// [`fingerprint`](crate::wire::fingerprint) of the blob of the bridge's model.
     pub bridge: u32,
-    /// CRC-32C of the blob of the learnt track; 0 where none was learnt.
+    /// That of the blob of the learnt track; 0 where none was learnt.
     pub track: u32,
     /// How uncertain that track is.
     pub spread: &'a Spread,
@@ -262,6 +262,15 @@ pub struct Evidence {
     stranger: Option<Memory>,
     /// What is known by earlier references of the track.
     earlier: Memory,
+}
+
+/// What is kept of an evidence by a track that is no more.
+#[derive(Debug, Clone)]
+pub struct Retired(Memory);
+
+impl Retired {
+    /// Nothing is kept.
+    pub const NOTHING: Self = Self(Memory::EMPTY);
 }
 
 impl Evidence {
@@ -335,19 +344,32 @@ impl Evidence {
 
     /// Another track is learnt: what is remembered by this one is kept with the weight that it has by it, and the memories begin anew.
     pub fn retire(&mut self, track: &LearntTrack) {
-        self.retire_by(&track.spread);
+        let known = self.retired(track);
+        self.begin_anew(known);
     }
 
-    fn retire_by(&mut self, spread: &Spread) {
+    /// What [`Self::retire`] keeps, before it is known whether there is another track.
+    pub fn retired(&self, track: &LearntTrack) -> Retired {
+        self.retired_by(&track.spread)
+    }
+
+    // Not inlined: what weighs it must leave the stack.
+    #[inline(never)]
+    fn retired_by(&self, spread: &Spread) -> Retired {
         let by_this = learnt::relative(spread, &self.information());
-        let known = Memory {
+        Retired(Memory {
             information: self.earlier.information.plus(&by_this),
             passages: self.passages(),
-        };
-        *self = Self {
-            earlier: known,
-            ..Self::new(self.forgetting)
-        };
+        })
+    }
+
+    /// The memories begin anew; `known` is kept beside them.
+    pub fn begin_anew(&mut self, known: Retired) {
+        self.long = Memory::EMPTY;
+        self.recent = Memory::EMPTY;
+        self.settling = 0.0;
+        self.stranger = None;
+        self.earlier = known.0;
     }
 
     /// Gives up what was known by earlier tracks, if what is remembered by this one contradicts it; tells whether it did.
@@ -450,7 +472,10 @@ impl Evidence {
         match u32::from_le_bytes([t0, t1, t2, t3]) {
             track if track == basis.track => {}
             0 => evidence = Self::new(forgetting),
-            _ => evidence.retire_by(&spread),
+            _ => {
+                let known = evidence.retired_by(&spread);
+                evidence.begin_anew(known);
+            }
         }
         Ok(evidence)
     }

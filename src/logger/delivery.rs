@@ -193,7 +193,9 @@ impl Logger {
         }
     }
 
+    // Not inlined, as the next: neither must stand on the stack under the other.
     /// Takes a piece of something that needs the room of the identification.
+    #[inline(never)]
     fn take_into_room(&mut self, item: Item, chunk: &Chunk) -> Outcome {
         if chunk.offset == 0 {
             if !Pieces::<MODEL_BLOB_BYTES>::fits(chunk) {
@@ -228,6 +230,7 @@ impl Logger {
         }
     }
 
+    #[inline(never)]
     fn restore_delivered(&mut self) -> Outcome {
         let restored = Evidence::from_bytes(
             &self.deliveries.evidence.bytes,

@@ -1,19 +1,19 @@
 //! What the logger knows of the rails: the track that was learnt, and whether it is still that.
 
 use crate::bridge::ReducedBridge;
-use crate::identify::evidence::{Basis, Evidence};
+use crate::identify::evidence::{Basis, Evidence, Retired};
 use crate::slot::Slot;
 use crate::track::blob::{self, TrackError};
 use crate::track::learnt::{LearntTrack, UNLEARNT};
 use crate::track::watch::Watch;
-use crate::wire::CRC32C;
+use crate::wire::fingerprint;
 use crate::wire::message::TrackState;
 
 /// The learnt track and its watch.
 #[derive(Debug, Clone)]
 pub(super) struct Rails {
     pub(super) learnt: Slot<LearntTrack>,
-    /// CRC-32C of its blob, by which it is known again.
+    /// The fingerprint of its blob, by which it is known again.
     crc: u32,
     /// Rayleigh's coefficients as the bridge's model has them.
     rayleigh: [f32; 2],
@@ -76,7 +76,7 @@ impl Rails {
         bridge_crc: u32,
         evidence: &mut Evidence,
     ) -> Result<(), TrackError> {
-        let crc = CRC32C.checksum(bytes);
+        let crc = fingerprint(bytes);
         if crc == self.crc && self.learnt.as_ref().is_some() {
             if self.watch.has_changed() {
                 self.watch = Watch::NEW;
@@ -84,13 +84,14 @@ impl Rails {
             return Ok(());
         }
         let first = self.learnt.as_ref().is_none();
-        // Retired before it is known whether the new track is sound: a copy is small, a second track is not.
-        let mut retired = evidence.clone();
-        if first {
-            retired = Evidence::new(evidence.forgetting());
-            self.learnt = Slot::Full(UNLEARNT.clone());
+        // Weighed before it is known whether the new track is sound, for a second track has no room.
+        let retired = if first {
+            Retired::NOTHING
         } else {
-            retired.retire(self.learnt());
+            evidence.retired(self.learnt())
+        };
+        if first {
+            self.learnt = Slot::Full(UNLEARNT.clone());
         }
         let read = match self.learnt.as_mut() {
             Some(learnt) => blob::read_into(bytes, bridge_crc, learnt),
@@ -102,7 +103,7 @@ impl Rails {
             }
             return Err(error);
         }
-        *evidence = retired;
+        evidence.begin_anew(retired);
         self.crc = crc;
         self.watch = Watch::NEW;
         self.damp(bridge);

@@ -8,9 +8,10 @@ use super::delivery::{Item, Pieces};
 use crate::capacity::MODEL_BLOB_BYTES;
 use crate::identify::Pass;
 
-/// Its tag is its own, and 0 when it is empty, for the reason that [`Slot`](crate::slot::Slot) has.
+/// Its tag is its own, and 0 when it is empty, for the reason that [`Slot`](crate::slot::Slot) has. It is as wide as its alignment: with
+/// bytes between tag and content the compiler makes the content on the stack, all 9 kB of it, and copies it into its place.
 #[derive(Debug, Clone)]
-#[repr(u8)]
+#[repr(u64)]
 #[allow(clippy::large_enum_variant, reason = "one place in static memory, whichever it is")]
 pub(super) enum Room {
     /// Nobody needs it.

@@ -1,7 +1,7 @@
 //! A learnt track as bytes: how it travels from the base station to the logger.
 //!
 //! ```text
-//! "SWTP" | format version u8 | CRC-32C of the bridge's blob u32 | postcard of Layout | CRC-32C of all before     little endian
+//! "SWTP" | format version u8 | fingerprint of the bridge's blob u32 | postcard of Layout | CRC-32C of all before     little endian
 //! ```
 //!
 //! What the spline is learnt and written as are its coefficients; knots and stretches follow. It belongs to one model of one bridge, and
@@ -93,8 +93,8 @@ struct Layout {
     speeds: [u64; 2],
 }
 
-/// Writes a track, whose profile has these `coefficients`, into `buffer` and returns the part of it that is used; `bridge` is the CRC-32C of
-/// the bridge's blob.
+/// Writes a track, whose profile has these `coefficients`, into `buffer` and returns the part of it that is used; `bridge` is the
+/// [`fingerprint`](crate::wire::fingerprint) of the bridge's blob.
 pub fn write<'b>(
     track: &LearntTrack,
     coefficients: &[f32],

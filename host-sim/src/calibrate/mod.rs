@@ -44,7 +44,7 @@ use spanwatch::track::blob;
 use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Stretch};
 use spanwatch::track::watch::unseen;
-use spanwatch::wire::CRC32C;
+use spanwatch::wire::fingerprint;
 use spanwatch::wire::message::TrainKind;
 
 use crate::batch::each;
@@ -643,7 +643,7 @@ pub fn read(path: &Path, bridge: &ReducedBridge<f64>) -> Result<LearntTrack> {
 
 /// By what a track knows its bridge.
 fn bridge_crc(bridge: &ReducedBridge<f64>) -> Result<u32> {
-    Ok(CRC32C.checksum(&to_blob(bridge)?))
+    Ok(fingerprint(&to_blob(bridge)?))
 }
 
 /// The places of what is explained far worse than the rest.

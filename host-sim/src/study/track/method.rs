@@ -10,8 +10,8 @@ use spanwatch::identify::estimate::Estimate;
 use spanwatch::identify::evidence::{Basis, EVIDENCE_BYTES, Evidence, Forgetting};
 use spanwatch::logger::Logger;
 use spanwatch::track::learnt::LearntTrack;
-use spanwatch::wire::CRC32C;
 use spanwatch::wire::message::{Event, Memory, Reason, TrackState, Verdict};
+use spanwatch::wire::{CRC32C, fingerprint};
 
 use super::truth::Passage;
 use crate::calibrate::{self, DRIFT_M, Options, calibrate};
@@ -146,8 +146,8 @@ impl Method for Logged {
             logger,
             learnt: &learnt.learnt,
             basis: Basis {
-                bridge: CRC32C.checksum(&self.blob),
-                track: CRC32C.checksum(&learnt.blob),
+                bridge: fingerprint(&self.blob),
+                track: fingerprint(&learnt.blob),
                 spread: &learnt.learnt.spread,
             },
             nodes,
