@@ -297,3 +297,26 @@ fn a_folder_that_is_not_there_is_refused_before_any_work_and_nothing_is_written(
         assert_eq!(fs::read_dir(&folder).expect("a folder").count(), 0);
     }
 }
+
+#[test]
+fn a_campaign_over_tracks_that_cannot_be_is_refused_in_one_sentence_that_names_the_flag() {
+    for (arguments, flag) in [
+        (["--class", "7"], "--class"),
+        (["--sensors", "3,5"], "--sensors"),
+        (["--tracks", "0"], "--tracks"),
+        (["--passages", "0"], "--passages"),
+        (["--healthy", "4"], "--healthy"),
+        (["--temperature", "0.5"], "--temperature"),
+        (["--wear", "0.5"], "--wear"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["evaluate", "track"])
+            .args(arguments)
+            .output()
+            .expect("host-sim runs");
+        let error = String::from_utf8(output.stderr).expect("text");
+        assert_eq!(output.status.code(), Some(2), "{error}");
+        assert!(error.contains(flag) && error.trim().lines().count() == 1, "{error}");
+        assert!(output.stdout.is_empty());
+    }
+}

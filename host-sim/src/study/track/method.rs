@@ -88,7 +88,7 @@ impl Logged {
         for sample in passages.iter().flat_map(|passage| &passage.observed.samples) {
             digest.update(&sample.to_le_bytes());
         }
-        digest.update(&self.blob);
+        digest.update(&fingerprint(&self.blob).to_le_bytes());
         digest.update(&self.seed.to_le_bytes());
         let name = format!("track-{}-{:08x}.blob", passages.len(), digest.finalize());
         Some(self.lessons.as_ref()?.join(name))
@@ -327,7 +327,7 @@ mod tests {
                 ..UNLEARNT.clone()
             };
             let mut buffer = [0; blob::TRACK_BLOB_BYTES];
-            let crc = CRC32C.checksum(&self.logged.blob);
+            let crc = fingerprint(&self.logged.blob);
             Ok(Lesson {
                 blob: blob::write(&learnt, &coefficients, crc, &mut buffer)?.to_vec(),
                 learnt,
