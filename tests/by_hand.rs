@@ -13,7 +13,7 @@ use spanwatch::capacity::CHANNELS;
 use spanwatch::track::blob::{TRACK_BLOB_BYTES, write};
 use spanwatch::track::learnt::{LearntTrack, Unexplained};
 use spanwatch::track::profile;
-use spanwatch::wire::CRC32C;
+use spanwatch::wire::fingerprint;
 use spanwatch::wire::message::TrainKind;
 
 /// Length of the bridge, m.
@@ -58,7 +58,7 @@ pub fn learnt(track: &Profile) -> Vec<u8> {
         speeds: [u64::MAX; 2],
     };
     let bridge = reduce(&model::shipped("girder50").expect("ships")).expect("reduces");
-    let crc = CRC32C.checksum(&model::to_blob(&bridge).expect("room"));
+    let crc = fingerprint(&model::to_blob(&bridge).expect("room"));
     write(&learnt, &coefficients, crc, &mut [0; TRACK_BLOB_BYTES])
         .expect("room")
         .to_vec()
