@@ -2,22 +2,18 @@
 
 use std::path::Path;
 
-use host_sim::calibrate::knots;
-use host_sim::model::{self, Structure, reduce::reduce};
+use host_sim::model::{self, Structure};
 use host_sim::recording::{Channel, Margins, Recording, Run, Unit};
 use host_sim::simulate::{Scenario, simulate};
-use host_sim::track::{Profile, Spectrum, Stretch, generate, prior::fit};
+use host_sim::track::{Profile, Spectrum, Stretch, generate};
 use host_sim::train::TrainName;
 use nalgebra::SMatrix;
 use spanwatch::capacity::CHANNELS;
-use spanwatch::track::blob::{TRACK_BLOB_BYTES, write};
-use spanwatch::track::learnt::{LearntTrack, Unexplained};
-use spanwatch::track::profile;
-use spanwatch::wire::fingerprint;
+use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained};
 use spanwatch::wire::message::TrainKind;
 
-/// Length of the bridge, m.
-const LENGTH_M: f64 = 50.0;
+use crate::nearest_track;
+
 /// Standard deviation of each element's loss that the reference leaves.
 const SPREAD: f32 = 1e-3;
 /// Noise of the passages, as a part of each channel's RMS; its square is what is left unexplained.
@@ -35,19 +31,7 @@ pub fn class_6() -> Profile {
 
 /// What learning `track` without an error would give, as it is sent: for trains at any speed.
 pub fn learnt(track: &Profile) -> Vec<u8> {
-    let knots = knots(LENGTH_M).expect("knots");
-    let coefficients: Vec<f32> = fit(track, &knots).into_iter().map(|c| c as f32).collect();
-    let stretches: Vec<profile::Stretch<f32>> = (knots.stretches().iter())
-        .map(|stretch| profile::Stretch {
-            from_m: stretch.from_m as f32,
-            spacing_m: stretch.spacing_m as f32,
-            spans: stretch.spans,
-        })
-        .collect();
     let learnt = LearntTrack {
-        profile: profile::Profile::new(profile::Knots::new(&stretches).expect("knots"), &coefficients),
-        stiffness: 1.0,
-        damping: 1.0,
         spread: SMatrix::identity() * SPREAD,
         unexplained: [Unexplained {
             floor: 0.0,
@@ -56,12 +40,9 @@ pub fn learnt(track: &Profile) -> Vec<u8> {
         scatter: 0.02,
         passages: 60,
         speeds: [u64::MAX; 2],
+        ..UNLEARNT.clone()
     };
-    let bridge = reduce(&model::shipped("girder50").expect("ships")).expect("reduces");
-    let crc = fingerprint(&model::to_blob(&bridge).expect("room"));
-    write(&learnt, &coefficients, crc, &mut [0; TRACK_BLOB_BYTES])
-        .expect("room")
-        .to_vec()
+    nearest_track::blob(track, learnt)
 }
 
 /// Records a passage of `cars` cars at `speed_kmh` over girder50 and its `track`. Speed, entry and load are announced as they are, but not held.

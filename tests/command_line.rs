@@ -678,17 +678,8 @@ fn a_sudden_loss_is_believed_when_a_second_passage_agrees_though_the_logger_rest
     let folder = folder();
     let simulate = |name: &str, seed: &str, damage: &[&str]| {
         let noise = ["--noise", "0.05", "--nodes", "3,6,9", "--seed", seed, "-o", name];
-        let plain = [
-            "simulate",
-            "--bridge",
-            "girder50",
-            "--train",
-            "inspection-2dof",
-            "--cars",
-            "1",
-        ];
-        let run = ["--speed-kmh", "60", "--rate-hz", "200", "--antialias-hz", "40"];
-        succeeds(folder.path(), &[&plain[..], &run, damage, &noise].concat());
+        let recorder = ["--rate-hz", "200", "--antialias-hz", "40"];
+        succeeds(folder.path(), &[&PASSAGE[..], &recorder, damage, &noise].concat());
     };
     simulate("whole1.csv", "1", &[]);
     simulate("whole2.csv", "2", &[]);

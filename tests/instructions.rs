@@ -4,6 +4,7 @@
 //! Needs QEMU and the images `logger` and `step-cost` (`sh tests/build-firmware.sh logger`, `.. step-cost`).
 
 mod by_hand;
+mod nearest_track;
 
 use std::path::Path;
 use std::process::Command;

@@ -2,6 +2,8 @@
 //! image (`sh tests/build-firmware.sh`) this fails.
 
 mod by_hand;
+mod nearest_track;
+mod program;
 mod rails;
 
 use std::io;

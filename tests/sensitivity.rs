@@ -252,15 +252,11 @@ const RESPONSE: f64 = 1e-3;
 
 #[test]
 fn the_record_answers_in_proportion_to_track_and_loads() {
-    let around = passage(
-        TrainKind::Shinkansen3d,
-        4,
-        205.0,
-        Quantity::Acceleration,
-        Direction::Forward,
-        0.0,
-        rough(),
-    );
+    let over = |track| {
+        let (kind, quantity) = (TrainKind::Shinkansen3d, Quantity::Acceleration);
+        passage(kind, 4, 205.0, quantity, Direction::Forward, 0.0, track)
+    };
+    let around = over(rough());
     let knots = around.track.knots().clone();
     // On the approach, at the bridge's ends, at mid-span, behind.
     for k in [5, 25, 37, 72, 105, 112] {
@@ -289,19 +285,7 @@ fn the_record_answers_in_proportion_to_track_and_loads() {
         let raised = |metres: f64| {
             let mut coefficients = rough_coefficients();
             coefficients[k] += metres;
-            let track = Profile::new(knots.clone(), &coefficients);
-            Passage {
-                track,
-                ..passage(
-                    TrainKind::Shinkansen3d,
-                    4,
-                    205.0,
-                    Quantity::Acceleration,
-                    Direction::Forward,
-                    0.0,
-                    Profile::SMOOTH,
-                )
-            }
+            over(Profile::new(knots.clone(), &coefficients))
         };
         let [less, more] = [-1e-3, 1e-3].map(|metres| raised(metres).simulate(&around.truth));
         let difference: Vec<f64> = less.iter().zip(more).map(|(less, more)| (more - less) / 2e-3).collect();

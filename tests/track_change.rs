@@ -2,6 +2,8 @@
 //! once, and not taken for damage; what was known of the bridge outlives them; and the base station can fetch what it learns the
 //! new ones from.
 
+mod nearest_track;
+mod program;
 mod rails;
 
 use std::path::Path;

@@ -485,7 +485,7 @@ impl Observed {
         let mut observed = self.clone();
         observed.track = learnt.clone();
         observed.observation.stiffness = learnt.stiffness;
-        observed.bridge.rayleigh = observed.bridge.rayleigh.map(|coefficient| coefficient * learnt.damping);
+        observed.bridge = observed.bridge.damped(learnt.damping);
         observed
     }
 

@@ -161,4 +161,10 @@ impl<T: Real> ReducedBridge<T> {
             rayleigh: self.rayleigh.map(to),
         }
     }
+
+    /// The same bridge with `factor` times its damping.
+    pub fn damped(mut self, factor: T) -> Self {
+        self.rayleigh = self.rayleigh.map(|coefficient| coefficient * factor);
+        self
+    }
 }

@@ -146,6 +146,23 @@ impl<T: Real, const M: usize> Tangent<T, M> {
         filters: [AntiAliasState::AT_REST; CHANNELS],
     };
 
+    /// What the recorder keeps of channel `c`, `more` added to what its sensor feels of the modes.
+    fn recorded(
+        &mut self,
+        base: &PlanarInteraction<T, M>,
+        observed: &Observation<T>,
+        c: usize,
+        quantity: Quantity,
+        more: T,
+    ) -> T {
+        let modal = match quantity {
+            Quantity::Acceleration => &self.acceleration,
+            Quantity::Displacement => &self.position,
+        };
+        let raw = dot(entries(&base.bridge.sensors[c]), modal) + more;
+        observed.filter.apply(&mut self.filters[c], raw)
+    }
+
     /// Follows a step that `base` has made.
     fn step(
         &mut self,
@@ -280,17 +297,15 @@ impl<T: Real, const M: usize> Response<T, M> {
                 self.tangent.step(base, cars, coupling, &source);
             }
             Surrounding::Track { bspline, support } => {
-                let mut rail = [[Lead::still(); CONTACTS]; CARS_ON_BRIDGE];
-                let TrainPosition { way_m, speed_mps } = coupling.now;
-                for (leads, (_, (place, car, _))) in rail.iter_mut().zip(cars.among(coupling.aboard.clone())) {
-                    for (lead, contact) in leads.iter_mut().zip(&car.contacts) {
-                        let way = way_m - place.behind_m - contact.behind_m;
-                        let x = base.along(way);
-                        if support[0] < x && x < support[1] {
-                            *lead = base.irregularity(bspline, contact.motion, way, speed_mps);
-                        }
+                let speed = coupling.now.speed_mps;
+                let rail = base.rail(cars, coupling, |contact, way| {
+                    let x = base.along(way);
+                    if support[0] < x && x < support[1] {
+                        base.irregularity(bspline, contact.motion, way, speed)
+                    } else {
+                        Lead::still()
                     }
-                }
+                });
                 let ahead = base.along(T::ZERO);
                 let behind = match base.run.direction {
                     Direction::Forward => support[0] < ahead,
@@ -309,8 +324,8 @@ impl<T: Real, const M: usize> Response<T, M> {
                         let approached = || {
                             let (_, (place, _, _)) = cars.from(index).next()?;
                             let since_s = base.since_begin_s(place, bspline)?;
-                            let approach = approach.filter(|last| base.shares(last, place, since_s))?;
-                            Some(approach.state(since_s - approach.since_s))
+                            let (approach, later_s) = base.shared(approach, place, since_s)?;
+                            Some(approach.state(later_s))
                         };
                         approached().unwrap_or(CarState::AT_REST)
                     },
@@ -319,13 +334,8 @@ impl<T: Real, const M: usize> Response<T, M> {
                 self.tangent.step(base, cars, coupling, &source);
             }
         }
-        let sensors = observed.recorder.sensors.iter().zip(&base.bridge.sensors);
-        for (((sensor, shape), filter), sample) in sensors.zip(&mut self.tangent.filters).zip(&mut self.sample) {
-            let modal = match sensor.quantity {
-                Quantity::Acceleration => &self.tangent.acceleration,
-                Quantity::Displacement => &self.tangent.position,
-            };
-            *sample = observed.filter.apply(filter, dot(entries(shape), modal));
+        for (c, (sensor, sample)) in observed.recorder.sensors.iter().zip(&mut self.sample).enumerate() {
+            *sample = self.tangent.recorded(base, observed, c, sensor.quantity, T::ZERO);
         }
     }
 }
@@ -406,21 +416,18 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
         (turn, modal)
     }
 
-    /// Change of what the irregularity does to the contacts, for `way_by` m and `speed_by` m/s.
-    fn rail_by(
+    /// What `lead` says of each contact of the cars aboard and of its way, m from the end that the train enters by.
+    fn rail(
         &self,
         cars: &Cars<T>,
         coupling: &Coupled<T, M>,
-        track: &Profile<T>,
-        way_by: T,
-        speed_by: T,
+        lead: impl Fn(&Contact<T, CAR_DOFS>, T) -> Lead<T>,
     ) -> AtContacts<Lead<T>> {
         let mut rail = [[Lead::still(); CONTACTS]; CARS_ON_BRIDGE];
-        let TrainPosition { way_m, speed_mps } = coupling.now;
+        let way_m = coupling.now.way_m;
         for (leads, (_, (place, car, _))) in rail.iter_mut().zip(cars.among(coupling.aboard.clone())) {
-            for (lead, contact) in leads.iter_mut().zip(&car.contacts) {
-                let way = way_m - place.behind_m - contact.behind_m;
-                *lead = self.irregularity_by(track, contact.motion, [way, way_by], [speed_mps, speed_by]);
+            for (to, contact) in leads.iter_mut().zip(&car.contacts) {
+                *to = lead(contact, way_m - place.behind_m - contact.behind_m);
             }
         }
         rail
@@ -475,13 +482,13 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
         let approached = || {
             let (_, (place, _, _)) = cars.from(index).next()?;
             let since_s = self.since_begin_s(place, track)?;
-            let (approach, later_s) = self.shared_approach(place, since_s)?;
+            let (approach, later_s) = self.shared(self.approach.as_ref(), place, since_s)?;
             let rate = approach.rate(later_s);
             if unknown == ENTRY {
                 return Some(rate.scaled(-T::one()));
             }
-            let by_speed = by_speed.filter(|last| self.shares(last, place, since_s))?;
-            let mut state = by_speed.state(since_s - by_speed.since_s);
+            let (by_speed, later_s) = self.shared(by_speed, place, since_s)?;
+            let mut state = by_speed.state(later_s);
             state.add_scaled(place.behind_m / self.run.speed_mps, &rate);
             Some(state)
         };
@@ -610,12 +617,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
             tangent.step(base, cars, &coupling, source);
             let channels = observed.recorder.sensors.iter().zip(rows.iter_mut()).zip(seen);
             for (channel, ((sensor, row), seen)) in channels.enumerate() {
-                let modal = match sensor.quantity {
-                    Quantity::Acceleration => &tangent.acceleration,
-                    Quantity::Displacement => &tangent.position,
-                };
-                let raw = dot(entries(&base.bridge.sensors[channel]), modal) + *seen;
-                row[unknown] = observed.filter.apply(&mut tangent.filters[channel], raw);
+                row[unknown] = tangent.recorded(base, observed, channel, sensor.quantity, *seen);
             }
         };
         let still = [T::zero(); CHANNELS];
@@ -654,9 +656,12 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
             let since_entry = T::counted(base.steps as i32) * base.step_s - base.run.entry_time_s;
             for unknown in [SPEED, ENTRY].into_iter().filter(|&unknown| self.free[unknown]) {
                 let (way_by, speed_by) = moves(unknown, &base.run, &coupling.now, since_entry);
-                let rail = track
-                    .extent_m()
-                    .map(|_| base.rail_by(cars, &coupling, track, way_by, speed_by));
+                let speed = [coupling.now.speed_mps, speed_by];
+                let rail = track.extent_m().map(|_| {
+                    base.rail(cars, &coupling, |contact, way| {
+                        base.irregularity_by(track, contact.motion, [way, way_by], speed)
+                    })
+                });
                 let source = Source {
                     modal: modal.map(|force| way_by * force),
                     turn: Some((&turn, way_by)),

@@ -168,7 +168,7 @@ pub struct Interaction<T: Real, B, const M: usize, const D: usize, const C: usiz
     pub(super) entered: usize,
     left: usize,
     /// The last approach that was stepped.
-    approach: Option<Approach<T, D>>,
+    pub(super) approach: Option<Approach<T, D>>,
 }
 
 /// The end of a car's approach over the irregular track.
@@ -599,7 +599,7 @@ where
         let Some(since_s) = self.since_begin_s(place, track) else {
             return CarState::AT_REST;
         };
-        if let Some((approach, later_s)) = self.shared_approach(place, since_s) {
+        if let Some((approach, later_s)) = self.shared(self.approach.as_ref(), place, since_s) {
             return approach.state(later_s);
         }
         let approach = self.approach(place, car, steps, since_s, |contact, way, speed| {
@@ -615,12 +615,14 @@ where
         Some(T::counted(self.steps as i32 - 1) * self.step_s - start_s)
     }
 
-    /// The approach that was stepped last, if it is that of this car, too, and how much later this one's ends, s.
-    pub(super) fn shared_approach(&self, place: &Place<T>, since_s: T) -> Option<(&Approach<T, D>, T)> {
-        let approach = self
-            .approach
-            .as_ref()
-            .filter(|last| self.shares(last, place, since_s))?;
+    /// An approach, if it is that of this car, too, and how much later this one's ends, s.
+    pub(super) fn shared<'a>(
+        &self,
+        approach: Option<&'a Approach<T, D>>,
+        place: &Place<T>,
+        since_s: T,
+    ) -> Option<(&'a Approach<T, D>, T)> {
+        let approach = approach.filter(|last| self.shares(last, place, since_s))?;
         Some((approach, since_s - approach.since_s))
     }
 

@@ -86,13 +86,11 @@ impl Rails {
         let first = self.learnt.as_ref().is_none();
         // Weighed before it is known whether the new track is sound, for a second track has no room.
         let retired = if first {
+            self.learnt = Slot::Full(UNLEARNT.clone());
             Retired::NOTHING
         } else {
             evidence.retired(self.learnt())
         };
-        if first {
-            self.learnt = Slot::Full(UNLEARNT.clone());
-        }
         let read = match self.learnt.as_mut() {
             Some(learnt) => blob::read_into(bytes, bridge_crc, learnt),
             None => return Ok(()),

@@ -134,6 +134,19 @@ impl<T: Real> Knots<T> {
         (all && knots.coefficients() > 0 && knots.count() <= PROFILE_KNOTS).then_some(knots)
     }
 
+    /// The same in the other number type; none if rounding has made them no knots.
+    pub fn cast<U: Real>(&self) -> Option<Knots<U>> {
+        let to = |value: T| U::of(value.into());
+        let stretches: Vec<Stretch<U>, STRETCHES> = (self.stretches.iter())
+            .map(|stretch| Stretch {
+                from_m: to(stretch.from_m),
+                spacing_m: to(stretch.spacing_m),
+                spans: stretch.spans,
+            })
+            .collect();
+        Knots::new(&stretches)
+    }
+
     /// The stretches.
     pub fn stretches(&self) -> &[Stretch<T>] {
         &self.stretches

@@ -16,6 +16,7 @@ use spanwatch::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
 use spanwatch::identify::objective::Squares;
 use spanwatch::interaction::sensitivity::{ENTRY, LOAD, Response, SPEED, STIFFNESS, Surrounding};
 use spanwatch::interaction::{Hypothesis, Run, Sensitivities, Simulation};
+use spanwatch::math::Real;
 use spanwatch::slot::Slot;
 use spanwatch::track::profile::{Knots, Profile};
 
@@ -76,22 +77,15 @@ impl Shared {
 
     /// `bridge` with the damping.
     pub fn damped(&self, bridge: &ReducedBridge<f32>) -> ReducedBridge<f32> {
-        let mut bridge = bridge.clone();
-        bridge.rayleigh = bridge.rayleigh.map(|coefficient| coefficient * self.damping as f32);
-        bridge
+        bridge.clone().damped(self.damping as f32)
     }
 }
 
 /// What a passage says of the shared unknowns near a point.
 #[derive(Debug, Clone)]
 pub struct Linear {
-    /// Information about them, its own unknowns eliminated.
-    pub information: DMatrix<f64>,
-    /// Gradient of the logarithm of the likelihood.
-    pub gradient: DVector<f64>,
-    /// How its own unknowns follow: `own = own_at_rest - own_by_shared step`.
-    own_at_rest: DVector<f64>,
-    own_by_shared: DMatrix<f64>,
+    /// What it says of them, its own unknowns eliminated.
+    pub own: Eliminated,
     /// Of the residuals.
     pub residuals: Squares,
     /// Of the recording.
@@ -123,20 +117,12 @@ impl Linear {
         for (unknown, range) in OWN.into_iter().zip(ranges) {
             free[unknown] = range > 0.0;
         }
-        let mut responses: Vec<Response<f32, MODES>> = (0..cars)
-            .map(|car| Response::to(Surrounding::Load(car)))
-            .chain((0..knots.coefficients()).filter_map(|k| {
-                let support = knots.support(k)?;
-                let bspline = Profile::bspline(knots.clone(), k);
-                Some(Response::to(Surrounding::Track { bspline, support }))
-            }))
-            .collect();
+        let mut responses = responses(cars, knots);
         let mut sensitivities = Box::new(Sensitivities::<f32, MODES>::NONE);
         let mut place = Slot::Empty;
         sensitivities.begin(&bridge, &hypothesis, observation, &track, &free, &mut place)?;
         let simulation = place.as_mut().context("a simulation that has begun")?;
-        let mut damped = bridge.clone();
-        damped.rayleigh = damped.rayleigh.map(|coefficient| coefficient * (1.0 + DAMPING_STEP));
+        let damped = bridge.clone().damped(1.0 + DAMPING_STEP);
         let mut more = Simulation::<f32, MODES>::new(&damped, &hypothesis, observation, &track)?;
 
         let own = OWN.len() + cars;
@@ -178,34 +164,16 @@ impl Linear {
         let matrix = &weighted * jacobian.transpose();
         let vector = weighted * residual;
 
-        let mut own_matrix = matrix.view((0, 0), (own, own)).into_owned();
-        let mut own_vector = vector.rows(0, own).into_owned();
         let expected = &observation.run;
         let offsets = [
             run.speed_mps / expected.speed_mps - 1.0,
             run.entry_time_s - expected.entry_time_s,
             run.load_factor / expected.load_factor - 1.0,
         ];
-        for (i, (range, offset)) in ranges.into_iter().zip(offsets).enumerate() {
-            // What is held has no derivative; its prior keeps the matrix regular.
-            let prior = if range > 0.0 { f64::from(range).powi(-2) } else { 1.0 };
-            own_matrix[(i, i)] += prior;
-            own_vector[i] -= prior * f64::from(offset);
-        }
-        for i in OWN.len()..own {
-            own_matrix[(i, i)] += car_load.powi(-2);
-        }
-        let shared_count = all - own;
-        let across = matrix.view((0, own), (own, shared_count)).into_owned();
-        let factor = own_matrix
-            .cholesky()
-            .context("a passage that says nothing of its own run")?;
-        let (own_by_shared, own_at_rest) = (factor.solve(&across), factor.solve(&own_vector));
+        let of_run = (ranges.into_iter().zip(offsets)).map(|(range, offset)| [precision_of(range), offset.into()]);
+        let priors: Vec<[f64; 2]> = of_run.chain((0..cars).map(|_| [car_load.powi(-2), 0.0])).collect();
         Ok(Self {
-            information: matrix.view((own, own), (shared_count, shared_count)) - across.transpose() * &own_by_shared,
-            gradient: vector.rows(own, shared_count) - across.transpose() * &own_at_rest,
-            own_at_rest,
-            own_by_shared,
+            own: Eliminated::of(&matrix, &vector, &priors)?,
             residuals,
             power,
         })
@@ -213,7 +181,7 @@ impl Linear {
 
     /// The run after a step of the shared unknowns.
     pub fn run(&self, run: &Run<f32>, step: &DVector<f64>) -> Run<f32> {
-        let own = &self.own_at_rest - &self.own_by_shared * step;
+        let own = &self.own.at_rest - &self.own.by_shared * step;
         Run {
             speed_mps: run.speed_mps * own[0].exp() as f32,
             entry_time_s: run.entry_time_s + own[1] as f32,
@@ -221,6 +189,63 @@ impl Linear {
             ..*run
         }
     }
+}
+
+/// Normal equations of which the first unknowns, the passage's own, are eliminated.
+#[derive(Debug, Clone)]
+pub struct Eliminated {
+    /// Information about the others.
+    pub information: DMatrix<f64>,
+    /// Gradient of the logarithm of the likelihood by them.
+    pub gradient: DVector<f64>,
+    /// How the eliminated ones follow: `own = at_rest - by_shared step`.
+    at_rest: DVector<f64>,
+    by_shared: DMatrix<f64>,
+}
+
+impl Eliminated {
+    /// Eliminates as many unknowns as there are `priors`: their precision, and how far they are from what is expected.
+    ///
+    /// # Errors
+    /// If nothing is known of one of them.
+    pub fn of(matrix: &DMatrix<f64>, vector: &DVector<f64>, priors: &[[f64; 2]]) -> Result<Self> {
+        let own = priors.len();
+        let shared = vector.len() - own;
+        let mut own_matrix = matrix.view((0, 0), (own, own)).into_owned();
+        let mut own_vector = vector.rows(0, own).into_owned();
+        for (i, [precision, offset]) in priors.iter().enumerate() {
+            own_matrix[(i, i)] += precision;
+            own_vector[i] -= precision * offset;
+        }
+        let across = matrix.view((0, own), (own, shared)).into_owned();
+        let factor = own_matrix
+            .cholesky()
+            .context("a passage that says nothing of its own run")?;
+        let (by_shared, at_rest) = (factor.solve(&across), factor.solve(&own_vector));
+        Ok(Self {
+            information: matrix.view((own, own), (shared, shared)) - across.transpose() * &by_shared,
+            gradient: vector.rows(own, shared) - across.transpose() * &at_rest,
+            at_rest,
+            by_shared,
+        })
+    }
+}
+
+/// Precision of an unknown of this range. What is held has no derivative; its prior keeps the matrix regular.
+pub fn precision_of(range: f32) -> f64 {
+    if range > 0.0 { f64::from(range).powi(-2) } else { 1.0 }
+}
+
+/// Responses to the load of each of so many cars, then to each coefficient of a profile.
+pub fn responses<T: Real>(cars: usize, knots: &Knots<T>) -> Vec<Response<T, MODES>> {
+    (0..cars)
+        .map(|car| Response::to(Surrounding::Load(car)))
+        .chain((0..knots.coefficients()).filter_map(|k| {
+            let support = knots.support(k)?;
+            let bspline = Profile::bspline(knots.clone(), k);
+            Some(Response::to(Surrounding::Track { bspline, support }))
+        }))
+        .collect()
 }
 
 // The stiffness of the logger's unknowns follows the elements' losses, as it does here.

@@ -29,7 +29,7 @@
 //! passengers' weight from car to car it sees several hundredths ([`Calibration::unseen_m`]).
 
 pub mod known;
-mod linear;
+pub(crate) mod linear;
 mod recorded;
 
 use std::path::Path;
@@ -51,7 +51,7 @@ use crate::batch::each;
 use crate::identification::Observed;
 use crate::model::to_blob;
 use crate::track::Spectrum;
-use crate::track::prior::{covariance, covariance_of_waves};
+use crate::track::prior::{covariance_of_waves, precision};
 use linear::{COEFFICIENTS, Linear, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
 
 /// Standard deviation of a car's load, as a part of it: passengers.
@@ -341,10 +341,6 @@ struct Solved {
 
 impl Joint {
     fn new(knots: &Knots<f64>, options: &Options) -> Result<Self> {
-        let prior = covariance(Spectrum::Fra6, knots);
-        let Some(factor) = prior.cholesky() else {
-            bail!("the spectrum gives no covariance to this profile");
-        };
         let mut short = covariance_of_waves(Spectrum::Fra6, [Spectrum::Fra6.waves_m()[0], SHORT_M], knots);
         // From the beginning of the bridge to its end, where the fine knots are; coefficients are heights for waves of many spans.
         let fine: Vec<f64> = (0..knots.coefficients())
@@ -352,19 +348,12 @@ impl Joint {
             .map(|k| short[(k, k)])
             .collect();
         short /= fine.iter().sum::<f64>() / fine.len().max(1) as f64;
-        let stretches: Vec<Stretch<f32>> = (knots.stretches().iter())
-            .map(|stretch| Stretch {
-                from_m: stretch.from_m as f32,
-                spacing_m: stretch.spacing_m as f32,
-                spans: stretch.spans,
-            })
-            .collect();
-        let Some(rounded) = Knots::new(&stretches) else {
+        let Some(rounded) = knots.cast() else {
             bail!("the profile's knots do not join");
         };
         Ok(Self {
             knots: rounded,
-            precision: factor.inverse(),
+            precision: precision(Spectrum::Fra6, knots)?,
             short,
             level: 1.0,
             healthy: options.healthy,
@@ -423,8 +412,8 @@ impl Joint {
         let n = COEFFICIENTS + self.shared.coefficients.len();
         let (mut information, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
         for passage in passages {
-            information += &passage.information;
-            gradient += &passage.gradient;
+            information += &passage.own.information;
+            gradient += &passage.own.gradient;
         }
         information *= times;
         gradient *= times;
@@ -547,7 +536,7 @@ impl Joint {
             }
             let mut information = DMatrix::zeros(n, n);
             for passage in &of_kind {
-                information += &passage.information;
+                information += &passage.own.information;
             }
             let mut losses = information.view((0, 0), (ELEMENTS, ELEMENTS)).into_owned();
             for e in 0..ELEMENTS {
@@ -573,14 +562,14 @@ impl Joint {
 fn unseen_m(passages: &[Linear], short: &DMatrix<f64>, part: f64) -> f64 {
     let (mut grows, mut values) = (0.0, 0.0);
     for passage in passages {
-        let n = passage.information.nrows();
+        let n = passage.own.information.nrows();
         let (others, c) = (COEFFICIENTS, n - COEFFICIENTS);
-        let mut bridge = passage.information.view((0, 0), (others, others)).into_owned();
+        let mut bridge = passage.own.information.view((0, 0), (others, others)).into_owned();
         for i in 0..others {
             bridge[(i, i)] += DAMAGE_PRIOR.powi(-2);
         }
-        let across = passage.information.view((0, others), (others, c));
-        let seen = passage.information.view((others, others), (c, c)).into_owned();
+        let across = passage.own.information.view((0, others), (others, c));
+        let seen = passage.own.information.view((others, others), (c, c)).into_owned();
         let fitted = bridge
             .cholesky()
             .map(|factor| across.transpose() * factor.solve(&across.into_owned()));
@@ -611,7 +600,7 @@ fn too_few(count: usize, passages: &[Passage], outcomes: &[Outcome]) -> anyhow::
 fn promise(passages: &[Linear], step: &DVector<f64>) -> f64 {
     let (mut gain, mut values) = (0.0, 0.0);
     for passage in passages {
-        gain += 2.0 * passage.gradient.dot(step) - step.dot(&(&passage.information * step));
+        gain += 2.0 * passage.own.gradient.dot(step) - step.dot(&(&passage.own.information * step));
         values += f64::from(passage.power.values());
     }
     gain / values

@@ -41,15 +41,13 @@ pub(super) fn run(out: &Path) -> Result<()> {
         "The rails of a viaduct are rough (FRA class 6), and nobody has measured them. A logger that takes them for smooth finds no \
          explanation for a train over the healthy bridge, or a false one:\n",
     )?;
-    give(&["replay", &healthy[0], "--database", &alerts], "")?;
+    give("replay", &healthy[..1], &healthy[0], &["--database", &alerts])?;
 
     print(
         "\nBut all trains roll over the same rails. Twenty of them, over the healthy bridge, teach their profile:\n",
     )?;
     let (profile, passage, truth) = (at("profile.svg"), at("passage.svg"), at("true-track.csv"));
-    let mut learn = vec!["calibrate"];
-    learn.extend(healthy.iter().map(String::as_str));
-    learn.extend([
+    let flags = [
         "-o",
         &track,
         "--svg",
@@ -58,26 +56,21 @@ pub(super) fn run(out: &Path) -> Result<()> {
         &truth,
         "--passage-svg",
         &passage,
-    ]);
-    give(&learn, &at("healthy-*.csv"))?;
+    ];
+    give("calibrate", &healthy, &at("healthy-*.csv"), &flags)?;
 
     print("\nThen element 5 loses 15 % of its stiffness. The logger, with the track as it was learnt, finds it:\n")?;
-    let mut monitor = vec!["replay"];
-    monitor.extend(later.iter().map(String::as_str));
-    monitor.extend(["--track", &track, "--evidence", &evidence, "--database", &alerts]);
-    give(&monitor, &at("later-*.csv"))?;
+    let flags = ["--track", &track, "--evidence", &evidence, "--database", &alerts];
+    give("replay", &later, &at("later-*.csv"), &flags)?;
     print(&format!("\nPictures: {profile} and {passage}\n"))
 }
 
-/// Shows a command and runs it; `several` stands for recordings of which there are many.
-fn give(arguments: &[&str], several: &str) -> Result<()> {
-    let shown = arguments
-        .iter()
-        .filter(|argument| several.is_empty() || !argument.ends_with(".csv") || argument.contains("true"));
-    let mut words: Vec<&str> = shown.copied().collect();
-    if !several.is_empty() {
-        words.insert(1, several);
-    }
-    print(&format!("\n$ host-sim {}\n", words.join(" ")))?;
-    dispatch(CommandLine::try_parse_from(std::iter::once("host-sim").chain(arguments.iter().copied()))?.command)
+/// Shows a command with its recordings as `shown`, and runs it.
+fn give(command: &str, recordings: &[String], shown: &str, flags: &[&str]) -> Result<()> {
+    print(&format!("\n$ host-sim {command} {shown} {}\n", flags.join(" ")))?;
+    let words = ["host-sim", command].into_iter();
+    let words = words
+        .chain(recordings.iter().map(String::as_str))
+        .chain(flags.iter().copied());
+    dispatch(CommandLine::try_parse_from(words)?.command)
 }

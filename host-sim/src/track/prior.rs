@@ -9,6 +9,7 @@
 //! `x0` is the first knot, from whose height a profile is measured. Waves shorter than two spans are not in a profile, and the
 //! fit leaves them out.
 
+use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
 use spanwatch::track::profile::{Knots, Profile};
 use spanwatch::track::{Motion, Track};
@@ -64,7 +65,16 @@ pub fn covariance(spectrum: Spectrum, knots: &Knots<f64>) -> DMatrix<f64> {
     covariance_of_waves(spectrum, spectrum.waves_m(), knots)
 }
 
-/// The same of the spectrum's waves of these lengths alone, m.
+/// Its inverse.
+///
+/// # Errors
+/// If it has none.
+pub fn precision(spectrum: Spectrum, knots: &Knots<f64>) -> Result<DMatrix<f64>> {
+    let factor = covariance(spectrum, knots).cholesky();
+    Ok(factor.context("a spectrum that these knots can hold")?.inverse())
+}
+
+/// The covariance of the spectrum's waves of these lengths alone, m.
 pub fn covariance_of_waves(spectrum: Spectrum, [shortest, longest]: [f64; 2], knots: &Knots<f64>) -> DMatrix<f64> {
     let points = points(knots);
     let (low, high) = (longest.recip().ln(), shortest.recip().ln());

@@ -14,21 +14,20 @@
 //! its own track, and a loss shows in how it shakes. The bound of another track of the same class differs by some per cent.
 
 use anyhow::{Context, Result};
-use nalgebra::{DMatrix, SMatrix};
+use nalgebra::{DMatrix, DVector, SMatrix};
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::capacity::{ELEMENTS, MODES, UNKNOWNS};
-use spanwatch::interaction::sensitivity::{ENTRY, LOAD, Response, SPEED, STIFFNESS, Surrounding};
+use spanwatch::interaction::sensitivity::{ENTRY, LOAD, SPEED, STIFFNESS};
 use spanwatch::interaction::{Hypothesis, Sensitivities, Simulation};
 use spanwatch::slot::Slot;
 use spanwatch::track::profile::{Knots, Profile, Stretch};
 use spanwatch::wire::message::Ranges;
 
 use super::truth::{NOISE, Passage};
+use crate::calibrate::linear::{Eliminated, precision_of, responses};
 use crate::simulate::Scenario;
 use crate::study::noise::bound::observation;
 use crate::study::noise::field::MASS_ERROR;
-use crate::track::Spectrum;
-use crate::track::prior::covariance;
 
 /// A passage's own unknowns besides the loads of its cars.
 const OWN: [usize; 4] = [SPEED, ENTRY, LOAD, STIFFNESS];
@@ -114,14 +113,7 @@ pub fn information(problem: &Problem<'_>, scenario: &Scenario) -> Result<DMatrix
     } else {
         0
     };
-    let mut responses: Vec<Response<f64, MODES>> = (0..cars)
-        .map(|car| Response::to(Surrounding::Load(car)))
-        .chain((0..knots.coefficients()).filter_map(|k| {
-            let support = knots.support(k)?;
-            let bspline = Profile::bspline(knots.clone(), k);
-            Some(Response::to(Surrounding::Track { bspline, support }))
-        }))
-        .collect();
+    let mut responses = responses(cars, knots);
     let mut sensitivities = Box::new(Sensitivities::<f64, MODES>::NONE);
     let mut place: Slot<Simulation<f64, MODES>> = Slot::Empty;
     let track = problem.track;
@@ -153,27 +145,9 @@ pub fn information(problem: &Problem<'_>, scenario: &Scenario) -> Result<DMatrix
         column /= NOISE * (squares[i % channels] / rows as f64).sqrt();
     }
     let matrix = &jacobian * jacobian.transpose();
-    let mut own_matrix = matrix.view((0, 0), (own, own)).into_owned();
-    for (i, range) in ranges.into_iter().enumerate() {
-        // What is held has no derivative; something must keep the matrix regular.
-        own_matrix[(i, i)] += if range > 0.0 { f64::from(range).powi(-2) } else { 1.0 };
-    }
-    for i in OWN.len()..own {
-        own_matrix[(i, i)] += MASS_ERROR.powi(-2);
-    }
-    let shared = all - own;
-    let across = matrix.view((0, own), (own, shared)).into_owned();
-    let factor = own_matrix.cholesky().context("a passage that tells of its own run")?;
-    Ok(matrix.view((own, own), (shared, shared)) - across.transpose() * factor.solve(&across))
-}
-
-/// The inverse of the covariance that `spectrum` gives to a profile on these knots.
-///
-/// # Errors
-/// If it has none.
-pub fn precision(spectrum: Spectrum, knots: &Knots<f64>) -> Result<DMatrix<f64>> {
-    let factor = covariance(spectrum, knots).cholesky();
-    Ok(factor.context("a spectrum that these knots can hold")?.inverse())
+    let priors = (ranges.into_iter().map(precision_of)).chain((0..cars).map(|_| MASS_ERROR.powi(-2)));
+    let priors: Vec<[f64; 2]> = priors.map(|precision| [precision, 0.0]).collect();
+    Ok(Eliminated::of(&matrix, &DVector::zeros(all), &priors)?.information)
 }
 
 /// Covariance of the losses, `monitored` the sum of the informations of passages.

@@ -19,7 +19,7 @@ use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::estimate::Estimate;
 use spanwatch::track::profile::Profile;
 
-use super::bound::{Known, Problem, bound, precision};
+use super::bound::{Known, Problem, bound};
 use super::method::{Method, Said};
 use super::truth::{Passage, Setting, Speeds, State, Traffic, Viaduct};
 use crate::batch;
@@ -27,7 +27,7 @@ use crate::calibrate::knots;
 use crate::model::BridgeFrame;
 use crate::study::noise::campaign::mean;
 use crate::track::Spectrum;
-use crate::track::prior::fit;
+use crate::track::prior::{fit, precision};
 
 /// What is to be run.
 #[derive(Debug, Clone)]

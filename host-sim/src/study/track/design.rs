@@ -7,7 +7,7 @@ use spanwatch::bridge::Damage;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::track::profile::{Knots, Profile};
 
-use super::bound::{Known, Problem, bound, information, precision};
+use super::bound::{Known, Problem, bound, information};
 use super::truth::{SENSORS, Setting, Speeds, Stock, Traffic, Viaduct};
 use crate::batch;
 use crate::evaluate::aligned;
@@ -15,7 +15,7 @@ use crate::model::BridgeFrame;
 use crate::simulate::Scenario;
 use crate::study::noise::campaign::Spread;
 use crate::track::Spectrum;
-use crate::track::prior::fit;
+use crate::track::prior::{fit, precision};
 use crate::train::TrainName;
 
 /// The design's table: by trains (six, four, all ten) and what is known of the profile, median and worst element, points.

@@ -453,7 +453,6 @@ impl Passage {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Instant;
 
     use spanwatch::track::{Motion, Track};
 
@@ -512,22 +511,6 @@ mod tests {
         assert!((rms(&heights) / CHANGE_M - 1.0).abs() < 1e-3);
         for x in [-100.0, -21.0, 51.0, 80.0] {
             assert!(change(x).abs() < 1e-6, "{x}");
-        }
-    }
-
-    #[test]
-    #[ignore = "a measurement"]
-    fn how_long_a_passage_takes() {
-        for uneven in [false, true] {
-            let viaduct = viaduct(Setting { uneven, ..SETTING }, 1);
-            for (name, first) in [("16 cars", 0), ("inspection", 6)] {
-                let start = Instant::now();
-                for index in first..first + 3 {
-                    viaduct.passage(index, &State::HEALTHY).expect("solves");
-                }
-                let ms = start.elapsed().as_secs_f64() * 1e3 / 3.0;
-                println!("{name}, cars alike: {}: {ms:.1} ms a passage", !uneven);
-            }
         }
     }
 }
