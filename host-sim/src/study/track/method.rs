@@ -232,15 +232,15 @@ mod tests {
     use super::super::campaign::{Plan, changes, detection, errors, healthy};
     use super::super::truth::{NOISE, SENSORS, Setting, Speeds, State, Traffic, Viaduct};
     use super::*;
+    use crate::calibrate::knots;
     use crate::model;
     use crate::study::noise::campaign::Spread;
     use crate::track::Spectrum;
     use nalgebra::{DMatrix, DVector};
     use spanwatch::capacity::CHANNELS;
-    use spanwatch::math::Real;
     use spanwatch::track::blob;
     use spanwatch::track::learnt::{UNLEARNT, Unexplained};
-    use spanwatch::track::profile::{Knots, Profile, Stretch};
+    use spanwatch::track::profile::Profile;
     use spanwatch::track::{Motion, Track};
 
     const SETTING: Setting = Setting {
@@ -251,27 +251,11 @@ mod tests {
         temperature: 0.0,
     };
 
-    /// A quarter of the shortest wave on the bridge. Half a metre, a third of it, leaves 1 % of the power of an inspection car at 80 km/h
-    /// unexplained: what a cubic spline has in place of such waves meets the bridge's third frequency.
-    fn knots<T: Real>() -> Knots<T> {
-        let stretch = |from_m, spacing_m, spans| Stretch {
-            from_m: T::of(from_m),
-            spacing_m: T::of(spacing_m),
-            spans,
-        };
-        Knots::new(&[
-            stretch(-91.0, 10.0, 9),
-            stretch(-1.0, 0.385, 135),
-            stretch(50.975, 6.0, 4),
-        ])
-        .expect("knots")
-    }
-
     /// The profile whose forces on wheels come nearest to a track's: they follow its curvature.
     fn nearest(track: &dyn Track<f64>) -> Vec<f64> {
         // A height counts as much as the curvature of a wave of 20 m that high.
         let weight = (std::f64::consts::TAU / 20.0).powi(2);
-        let knots = knots::<f64>();
+        let knots = knots(50.0).expect("knots");
         let [first, last] = knots.extent_m().expect("knots");
         let x_m: Vec<f64> = (0..)
             .map(|i| first + 0.1 * f64::from(i))
@@ -315,7 +299,10 @@ mod tests {
         fn learn(&self, _: &[&Passage], _: &[u16]) -> Result<Lesson> {
             let coefficients: Vec<f32> = self.coefficients.iter().map(|&c| c as f32).collect();
             let learnt = LearntTrack {
-                profile: Profile::new(knots(), &coefficients),
+                profile: Profile::new(
+                    knots(50.0).and_then(|knots| knots.cast()).expect("knots"),
+                    &coefficients,
+                ),
                 unexplained: [Unexplained {
                     floor: 0.0,
                     part: (NOISE * NOISE) as f32,
