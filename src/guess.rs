@@ -34,6 +34,7 @@ use crate::identify::pass::Found;
 use crate::identify::{Pass, Problem};
 use crate::interaction::{Hypothesis, Observation, Run, SetupError};
 use crate::math;
+use crate::passage::samples::Samples;
 use crate::wire::message::{Ranges, Traffic};
 
 /// Speeds between which a train's lies, m/s: 20 and 400 km/h.
@@ -161,7 +162,7 @@ impl FirstGuess {
     /// them in strong motion ([`Passage::strong`](crate::passage::Passage::strong)).
     pub fn new(
         observation: &Observation<f32>,
-        samples: &[f32],
+        samples: Samples<'_>,
         strong: core::ops::Range<usize>,
         unknown: Unknown,
     ) -> Self {
@@ -169,7 +170,7 @@ impl FirstGuess {
         let channels = observation.recorder.sensors.len().max(1);
         let rows = samples.len() / channels;
         let still = strong.start.saturating_sub((STILL_S * rate) as usize);
-        let each_row = || samples.chunks_exact(channels).map(|row| energy(observation, row, row));
+        let each_row = || samples.rows(channels).map(|row| energy(observation, &row, &row));
         // Before the train there is nothing but noise, and a click there is not the train's energy.
         let noise = each_row().take(still).fold(0.0, |sum, energy| sum + energy) / still.max(1) as f32;
         let mut bins = Bins::new(rows);

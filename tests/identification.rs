@@ -18,6 +18,7 @@ use spanwatch::identify::{
     CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Pass, Problem, micro_ga, paper_ga,
 };
 use spanwatch::interaction::Direction;
+use spanwatch::passage::samples::Samples;
 use spanwatch::wire::message::{Ranges, TrainKind};
 
 fn girder50() -> BridgeFrame {
@@ -289,7 +290,7 @@ fn what_no_damage_explains_is_not_called_explained() {
         .collect();
     let found = identify(
         &Problem {
-            samples: &hum,
+            samples: Samples::Plain(&hum),
             ..problem
         },
         1,

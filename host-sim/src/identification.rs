@@ -16,6 +16,7 @@ use spanwatch::identify::refine::Stop;
 use spanwatch::identify::{CodeSearch, DamageCode, Hybrid, Identification, MicroGa, PaperGa, Pass, Problem};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, SetupError};
+use spanwatch::passage::samples::Samples;
 use spanwatch::passage::{Passage, Stream};
 use spanwatch::track::learnt::{LearntTrack, UNLEARNT};
 use spanwatch::train::PlanarTrain;
@@ -89,11 +90,7 @@ impl Found {
     /// What it says of the passage that is observed. A genetic search alone takes the run as it is expected.
     pub fn hypothesis(&self, observation: &Observation<f32>) -> Hypothesis<f32> {
         match &self.identification {
-            Some(found) => Hypothesis {
-                damage: found.estimate.damage,
-                stiffness: found.stiffness,
-                run: found.run,
-            },
+            Some(found) => found.hypothesis(),
             None => Hypothesis {
                 damage: self.code.damage(),
                 ..observation.expected()
@@ -305,7 +302,8 @@ impl Observed {
         let mut located = self.observation.clone();
         if located.ranges.speed > 0.0 || located.ranges.entry_s > 0.0 {
             let problem = self.problem();
-            let samples = self.samples.get(..rows * problem.channels()).unwrap_or(&self.samples);
+            let first = self.samples.get(..rows * problem.channels());
+            let samples = Samples::Plain(first.unwrap_or(&self.samples));
             let found = hybrid(&Problem { samples, ..problem }, seed, &mut || ())?;
             // What is not explained has not been located either.
             if found.explained() {
@@ -380,7 +378,7 @@ impl Observed {
                     .saturating_sub((2.0 * f64::from(guess::RISE_S) * rate) as u64);
                 let all = samples(prepared, quiet as usize);
                 let (first, next) = (passage.first_sample as usize, passage.next_sample as usize);
-                let kept = &all[first * channels..(next * channels).min(all.len())];
+                let kept = Samples::Plain(&all[first * channels..(next * channels).min(all.len())]);
                 // The entry counts from the first sample of the passage until it is known.
                 observation.run.entry_time_s -= (first as f64 / rate) as f32;
                 let unknown = Unknown {
@@ -495,7 +493,7 @@ impl Observed {
             bridge: &self.bridge,
             track: &self.track,
             observation: &self.observation,
-            samples: &self.samples,
+            samples: Samples::Plain(&self.samples),
             free_vibration: self.tail.as_ref().map(|tail| Compared {
                 vibration: &tail.vibration,
                 damping: tail.damping,

@@ -5,7 +5,7 @@
 //! | align | tries speeds over their range, bridge as stiff as its model or softer, and with each all entries and loads | comparisons |
 //! | settle | descends with all elements whole to the best speed, entry, load and stiffness | linearisations |
 //! | search | the small genetic search finds the basin of the damage, with the best entry and load of each pattern | comparisons |
-//! | descend | Gauss-Newton within bounds finds its bottom, all unknowns free | linearisations |
+//! | descend | Gauss-Newton within bounds finds its bottom, all unknowns free; where the track is known, once more with the load of each car | linearisations |
 //! | correlate | asks how independent the residuals are; if hardly, descends once more from an entry a car later and earlier | a correlation |
 //! | doubt | descends from the mirror image, the most certain element held whole: what else could it be? | linearisations |
 //!
@@ -28,12 +28,12 @@ use super::micro_ga::MicroGa;
 use super::objective::{EXPLAINED, Problem, Squares, Terms};
 use super::pass::{Alignment, Comparison, Found, MOST_SHIFTS, Pass, Shifts};
 use super::refine::{Refinement, Stop, Want};
-use super::unknowns::{Limits, Theta, hypothesis, losses, with_losses};
+use super::unknowns::{Limits, Point, Theta, hypothesis, losses, surprise, with_losses};
 
 use crate::bridge::Damage;
-use crate::capacity::{CHANNELS, ELEMENTS};
+use crate::capacity::{CARS, CHANNELS, ELEMENTS};
 use crate::interaction::sensitivity::{ENTRY, LOAD, SPEED, STIFFNESS};
-use crate::interaction::{Run, SetupError};
+use crate::interaction::{Hypothesis, Run, SetupError};
 use crate::math;
 
 pub use super::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS};
@@ -89,6 +89,8 @@ pub struct Identification {
     pub run: Run<f32>,
     /// Stiffness of the whole bridge, as a part of the model's.
     pub stiffness: f32,
+    /// Static loads of the cars, as parts of what their kind says.
+    pub cars: [f32; CARS],
     /// Standard deviations of stiffness, speed, entry time and load, in the units of [`unknowns`](super::unknowns); 0 if held.
     pub std: [f32; 4],
     /// Misfit, (m/s²)² (m² for displacements).
@@ -121,6 +123,16 @@ pub struct Rival {
 }
 
 impl Identification {
+    /// What it says of the passage.
+    pub fn hypothesis(&self) -> Hypothesis<f32> {
+        Hypothesis {
+            damage: self.estimate.damage,
+            stiffness: self.stiffness,
+            run: self.run,
+            cars: self.cars,
+        }
+    }
+
     /// Bit `e` is set where element `e` (from 0) is damaged beyond doubt.
     pub fn certain(&self) -> u16 {
         if !self.explained() || self.stop == Stop::Budget {
@@ -158,7 +170,7 @@ enum Stage {
 #[derive(Debug, Clone)]
 struct Answer {
     identification: Identification,
-    theta: Theta,
+    at: Point,
     residuals: Squares,
     correlation_time: f32,
 }
@@ -290,7 +302,12 @@ impl Hybrid {
             Stage::Align => {
                 // A speed at which the train would stop on its way is passed over.
                 while pass
-                    .compare(problem, &self.tried_speed(problem), weights, self.shifts(problem))
+                    .compare(
+                        problem,
+                        &self.tried_speed(problem).into(),
+                        weights,
+                        self.shifts(problem),
+                    )
                     .is_err()
                 {
                     self.next_speed(problem);
@@ -304,11 +321,16 @@ impl Hybrid {
                 .pattern(problem)
                 .filter(|_| !self.spent() || self.best.1.is_infinite())
             {
-                Some(theta) => pass.compare(problem, &theta, weights, self.shifts(problem)),
+                Some(theta) => pass.compare(problem, &theta.into(), weights, self.shifts(problem)),
                 None => {
                     let left = self.best.1 / self.power.values();
                     let weights = weights.map(|weight| weight / left.max(EXPLAINED));
-                    self.descent = Some(Refinement::new(&self.best.0, self.limits(problem), self.power, weights));
+                    self.descent = Some(Refinement::new(
+                        &self.best.0.into(),
+                        self.limits(problem),
+                        self.power,
+                        weights,
+                    ));
                     self.stage = Stage::Descend;
                     self.ask(problem, pass)
                 }
@@ -316,8 +338,8 @@ impl Hybrid {
             Stage::Settle | Stage::Descend | Stage::Doubt => {
                 let Some(descent) = &self.descent else { return Ok(()) };
                 match descent.wants() {
-                    Want::Probe(theta) => {
-                        let begun = pass.compare(problem, &theta, descent.weights(), Shifts::NONE);
+                    Want::Probe(at) => {
+                        let begun = pass.compare(problem, &at, descent.weights(), Shifts::NONE);
                         if begun.is_ok() {
                             return begun;
                         }
@@ -325,7 +347,7 @@ impl Hybrid {
                         self.hear_probe(problem, &Squares::HOPELESS);
                         self.ask(problem, pass)
                     }
-                    Want::Linearise(theta) => pass.linearise(problem, &theta, descent.weights(), &descent.free()),
+                    Want::Linearise(at) => pass.linearise(problem, &at, descent.weights(), &descent.wanted()),
                 }
             }
             Stage::Correlate => {
@@ -443,7 +465,7 @@ impl Hybrid {
         limits.prior[STIFFNESS] = 1.0 / (SOFTER_DEVIATION * SOFTER_DEVIATION);
         let left = (self.best.1 / self.power.values()).min(1.0);
         let weights = self.weights().map(|weight| weight / left.max(EXPLAINED));
-        self.descent = Some(Refinement::new(&self.best.0, limits, self.power, weights));
+        self.descent = Some(Refinement::new(&self.best.0.into(), limits, self.power, weights));
         self.stage = Stage::Settle;
     }
 
@@ -471,13 +493,21 @@ impl Hybrid {
         let Some(descent) = self.descent.as_ref() else { return };
         match self.stage {
             Stage::Settle => {
-                self.settled = *descent.best();
+                self.settled = descent.best().theta;
                 // A loss of stiffness must not hide in the whole bridge's before it has been looked for.
                 self.settled[STIFFNESS] = 0.0;
                 self.best = (self.settled, f32::INFINITY);
                 self.stage = Stage::Search;
             }
             Stage::Descend => {
+                let cars = weighable(problem);
+                let explained = descent.residuals().unexplained(&self.power) <= UNEXPLAINED;
+                if cars > 0 && explained && !descent.weighs() && !self.spent() {
+                    let weights = descent.residuals().weights(&self.power);
+                    let again = Refinement::new(descent.best(), self.limits(problem), self.power, weights);
+                    self.descent = Some(again.weighing(cars));
+                    return;
+                }
                 self.stop = stop;
                 self.stage = Stage::Correlate;
             }
@@ -494,19 +524,24 @@ impl Hybrid {
         if !self.answer.as_ref().is_some_and(better) {
             self.answer = Some(Answer {
                 identification: self.identification(problem, descent, correlation_time),
-                theta: *descent.best(),
+                at: *descent.best(),
                 residuals: *descent.residuals(),
                 correlation_time,
             });
         }
         let Some(answer) = self.answer.as_ref() else { return };
-        let (identification, theta) = (&answer.identification, answer.theta);
+        let (identification, at) = (&answer.identification, answer.at);
         let (whole, significance) = identification.estimate.most_certain();
         let explained = identification.explained();
         if let Some(start) = self.neighbour(problem, answer) {
             let weights = self.weights().map(|weight| weight / identification.unexplained);
             self.neighbours += 1;
-            self.descent = Some(Refinement::new(&start, self.limits(problem), self.power, weights));
+            self.descent = Some(Refinement::new(
+                &start.into(),
+                self.limits(problem),
+                self.power,
+                weights,
+            ));
             self.stage = Stage::Descend;
             return;
         }
@@ -526,8 +561,12 @@ impl Hybrid {
             mirrored[elements - 1 - e] = loss;
         }
         let limits = self.limits(problem).with_whole(whole);
-        let start = with_losses(theta, &mirrored);
-        self.descent = Some(Refinement::new(&start, limits, self.power, weights));
+        let start = Point {
+            theta: with_losses(at.theta, &mirrored),
+            ..at
+        };
+        let descent = Refinement::new(&start, limits, self.power, weights);
+        self.descent = Some(descent.weighing(weighable(problem)));
         self.stage = Stage::Doubt;
     }
 
@@ -543,7 +582,7 @@ impl Hybrid {
             (Some(first), Some(second)) => (second.behind_m - first.behind_m) / answer.identification.run.speed_mps,
             _ => core::f32::consts::TAU / math::sqrt(problem.bridge.lambda[0]),
         };
-        let mut start = with_losses(answer.theta, &[0.0; ELEMENTS]);
+        let mut start = with_losses(answer.at.theta, &[0.0; ELEMENTS]);
         start[STIFFNESS] = 0.0;
         start[ENTRY] += if self.neighbours == 0 { pitch_s } else { -pitch_s };
         Some(start)
@@ -552,7 +591,7 @@ impl Hybrid {
     fn identification(&self, problem: &Problem<'_>, descent: &Refinement, correlation_time: f32) -> Identification {
         let terms = problem.terms(descent.linearised());
         let information = descent.information(correlation_time, &terms);
-        let damage = losses(descent.best());
+        let damage = losses(&descent.best().theta);
         let hypothesis = hypothesis(descent.best(), problem.observation);
         let (deviations, free) = (descent.deviations(correlation_time, &terms), descent.free());
         Identification {
@@ -564,6 +603,7 @@ impl Hybrid {
             code: DamageCode::nearest(&damage),
             run: hypothesis.run,
             stiffness: hypothesis.stiffness,
+            cars: hypothesis.cars,
             std: core::array::from_fn(|i| {
                 if free[ELEMENTS + i] {
                     deviations[ELEMENTS + i]
@@ -589,7 +629,7 @@ impl Hybrid {
         let (Some(descent), Some(answer)) = (self.descent.as_ref(), self.answer.as_ref()) else {
             return;
         };
-        let limits = self.limits(problem);
+        let (limits, other, best) = (self.limits(problem), descent.best(), &answer.at);
         // Twice the logarithm of the ratio of likelihoods, noise of unknown variance in each channel.
         let mut worse = 0.0;
         for c in 0..CHANNELS {
@@ -599,22 +639,24 @@ impl Hybrid {
                 worse += self.power.count[c] * math::ln(rival / best);
             }
         }
-        for ((prior, rival), best) in limits.prior.iter().zip(descent.best()).zip(&answer.theta) {
+        for ((prior, rival), best) in limits.prior.iter().zip(&other.theta).zip(&best.theta) {
             worse += prior * (rival * rival - best * best);
         }
+        worse += surprise(&other.loads) - surprise(&best.loads);
         worse /= answer.correlation_time;
-        worse += problem.terms(descent.best()).squares() - problem.terms(&answer.theta).squares();
+        worse += problem.terms(&other.theta).squares() - problem.terms(&best.theta).squares();
         if worse < 0.0 && !self.turned {
             // It is the better explanation: what was found was not the bottom.
             self.turned = true;
-            self.descent = Some(Refinement::new(descent.best(), limits, self.power, descent.weights()));
+            let again = Refinement::new(other, limits, self.power, descent.weights());
+            self.descent = Some(again.weighing(weighable(problem)));
             self.answer = None;
             self.stage = Stage::Descend;
             return;
         }
         let rival = Rival {
             whole: answer.identification.estimate.most_certain().0,
-            damage: losses(descent.best()),
+            damage: losses(&other.theta),
             loses_by: math::sqrt(worse.max(0.0)),
         };
         self.end(problem, Some(rival));
@@ -642,12 +684,21 @@ fn solve(problem: &Problem<'_>) -> u64 {
     (10 * samples * u64::from(problem.observation.recorder.steps_per_sample)).max(1)
 }
 
+/// How many cars' loads are to be sought. Where the track is not known, what it makes of the cars' motion hides them; of a single car
+/// the load is that of the train.
+fn weighable(problem: &Problem<'_>) -> usize {
+    match problem.observation.cars.train().cars.len() {
+        cars if cars > 1 && problem.track.is_learnt() => cars,
+        _ => 0,
+    }
+}
+
 /// What the free vibration says of the point that the descent has asked for.
 fn terms(problem: &Problem<'_>, stage: Stage, descent: &Refinement) -> Terms {
     if stage == Stage::Settle {
         // Before damage has been looked for, a frequency that is low says nothing of the whole bridge.
         return Terms::NONE;
     }
-    let (Want::Probe(theta) | Want::Linearise(theta)) = descent.wants();
-    problem.terms(&theta)
+    let (Want::Probe(at) | Want::Linearise(at)) = descent.wants();
+    problem.terms(&at.theta)
 }

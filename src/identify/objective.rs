@@ -30,6 +30,7 @@ use crate::bridge::{Damage, ReducedBridge};
 use crate::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
 use crate::interaction::sensitivity::STIFFNESS;
 use crate::interaction::{Hypothesis, Observation, SetupError, Simulation};
+use crate::passage::samples::Samples;
 use crate::track::learnt::LearntTrack;
 
 /// Part of a channel's power that counts as its noise at least: the square of what `f32` and the step leave in the
@@ -46,7 +47,7 @@ pub struct Problem<'a> {
     /// Train, sensors and recorder; time 0 is that of the first sample.
     pub observation: &'a Observation<f32>,
     /// What was recorded, m/s² (m), channel after channel within a sample; not-a-number where there is none.
-    pub samples: &'a [f32],
+    pub samples: Samples<'a>,
     /// What the bridge did after the last of these samples, if that is to be compared, too.
     pub free_vibration: Option<Compared<'a>>,
 }
@@ -177,9 +178,9 @@ impl Terms {
 const _: () = assert!(STIFFNESS == ELEMENTS && STIFFNESS < UNKNOWNS);
 
 impl<'a> Problem<'a> {
-    /// The recorded samples, one slice of channels each.
-    pub fn recorded(&self) -> core::slice::ChunksExact<'a, f32> {
-        self.samples.chunks_exact(self.channels())
+    /// The recorded samples, a row for each moment.
+    pub fn recorded(&self) -> impl ExactSizeIterator<Item = [f32; CHANNELS]> + use<'a> {
+        self.samples.rows(self.channels())
     }
 
     /// Channels; at least 1.
@@ -191,7 +192,7 @@ impl<'a> Problem<'a> {
     pub fn power(&self) -> Squares {
         let mut power = Squares::NONE;
         for recorded in self.recorded() {
-            power.add(recorded.iter().copied());
+            power.add(recorded);
         }
         power
     }
@@ -237,7 +238,7 @@ impl<'a> Problem<'a> {
         let mut residuals = Squares::NONE;
         for recorded in self.recorded() {
             residuals.add(residual(
-                recorded,
+                &recorded,
                 &simulation.sample(self.observation, &self.track.profile),
             ));
         }
@@ -246,7 +247,7 @@ impl<'a> Problem<'a> {
 }
 
 /// Recorded less simulated; not a number where nothing was recorded.
-pub fn residual(recorded: &[f32], simulated: &[f32; CHANNELS]) -> [f32; CHANNELS] {
+pub fn residual(recorded: &[f32; CHANNELS], simulated: &[f32; CHANNELS]) -> [f32; CHANNELS] {
     let mut residual = [f32::NAN; CHANNELS];
     for ((residual, f), simulated) in residual.iter_mut().zip(recorded).zip(simulated) {
         // A simulation that is not a number must not pass for a perfect one.

@@ -13,8 +13,9 @@ use nalgebra::SMatrix;
 
 use super::growth::{self, Bins, Growth};
 use super::objective::{Problem, Squares, residual};
-use super::unknowns::{Theta, derivatives, hypothesis};
-use crate::capacity::{CHANNELS, MODES, UNKNOWNS};
+use super::unknowns::{CAR_LOAD, Loads, Point, Theta, derivatives, hypothesis};
+use crate::capacity::{CARS, CHANNELS, MODES, UNKNOWNS};
+use crate::interaction::sensitivity::{CAR_LOADS, DERIVATIVES, Wanted};
 use crate::interaction::{Hypothesis, Sensitivities, SetupError, Simulation};
 use crate::slot::Slot;
 
@@ -108,11 +109,17 @@ pub struct Alignment {
     pub left: f32,
 }
 
-/// The normal equations of the least squares at one `theta`: `J^T W J` and `J^T W r`.
+/// The normal equations of the least squares at one point: `A = J^T W J` and `b = J^T W r`; with cars' loads `c` beside `theta`, those of
+/// `theta` whatever the loads are:
+///
+/// ```text
+/// A <- A_uu - A_uc M^-1 A_cu,    b <- b_u - A_uc M^-1 (b_c - P c),    M = A_cc + P
+/// c <- c + M^-1 (b_c - P c) - M^-1 A_cu step                          P: their prior
+/// ```
 #[derive(Debug, Clone)]
 pub struct Normal {
     /// Where.
-    pub theta: Theta,
+    pub at: Point,
     /// Derivatives of what the physics differentiates by, by `theta`.
     by: Theta,
     /// Of the residuals, not weighted.
@@ -121,6 +128,16 @@ pub struct Normal {
     pub matrix: SMatrix<f32, UNKNOWNS, UNKNOWNS>,
     /// `J^T W r`.
     pub vector: Theta,
+    /// `c + M^-1 (b_c - P c)`: the loads that are best at this `theta`.
+    pub loads: Loads,
+    /// What the weighted squares fall by when the loads become these.
+    pub gain: f32,
+    /// `A_cu` until the samples have gone by, then `M^-1 A_cu`.
+    across: SMatrix<f32, CARS, UNKNOWNS>,
+    /// `A_cc`, its lower triangle.
+    among: SMatrix<f32, CARS, CARS>,
+    /// `b_c`.
+    pull: Loads,
 }
 
 /// The residuals' correlation in time:
@@ -169,15 +186,15 @@ impl Pass {
         core::mem::take(&mut self.tenths)
     }
 
-    /// Begins a comparison with `theta`.
+    /// Begins a comparison with a point.
     pub fn compare(
         &mut self,
         problem: &Problem<'_>,
-        theta: &Theta,
+        at: &Point,
         weights: [f32; CHANNELS],
         shifts: Shifts,
     ) -> Result<(), SetupError> {
-        self.simulate(problem, &hypothesis(theta, problem.observation))?;
+        self.simulate(problem, &hypothesis(at, problem.observation))?;
         self.sums = Sums::Comparison(Comparison {
             residuals: Squares::NONE,
             weights,
@@ -192,44 +209,44 @@ impl Pass {
         Ok(())
     }
 
-    /// Begins a linearisation at `theta` by the unknowns that are `free`.
+    /// Begins a linearisation at a point by what is `wanted`.
     pub fn linearise(
         &mut self,
         problem: &Problem<'_>,
-        theta: &Theta,
+        at: &Point,
         weights: [f32; CHANNELS],
-        free: &[bool; UNKNOWNS],
+        wanted: &Wanted,
     ) -> Result<(), SetupError> {
-        let hypothesis = hypothesis(theta, problem.observation);
+        let hypothesis = hypothesis(at, problem.observation);
         let (bridge, observation) = (problem.bridge, problem.observation);
         self.sensitivities.begin(
             bridge,
             &hypothesis,
             observation,
             &problem.track.profile,
-            free,
+            wanted,
             &mut self.simulation,
         )?;
         self.row = 0;
         let normal = Normal {
-            theta: *theta,
-            by: derivatives(theta),
+            at: *at,
+            by: derivatives(&at.theta),
             residuals: Squares::NONE,
             matrix: SMatrix::zeros(),
             vector: Theta::zeros(),
+            loads: at.loads,
+            gain: 0.0,
+            across: SMatrix::zeros(),
+            among: SMatrix::zeros(),
+            pull: Loads::zeros(),
         };
         self.sums = Sums::Linearisation(normal, weights);
         Ok(())
     }
 
-    /// Begins a correlation of the residuals of `theta`.
-    pub fn correlate(
-        &mut self,
-        problem: &Problem<'_>,
-        theta: &Theta,
-        weights: [f32; CHANNELS],
-    ) -> Result<(), SetupError> {
-        self.simulate(problem, &hypothesis(theta, problem.observation))?;
+    /// Begins a correlation of the residuals of a point.
+    pub fn correlate(&mut self, problem: &Problem<'_>, at: &Point, weights: [f32; CHANNELS]) -> Result<(), SetupError> {
+        self.simulate(problem, &hypothesis(at, problem.observation))?;
         self.sums = Sums::Correlation(Correlation {
             weights: weights.map(crate::math::sqrt),
             latest: [[0.0; LAGS]; CHANNELS],
@@ -268,7 +285,7 @@ impl Pass {
         let observation = problem.observation;
         let steps_per_sample = observation.recorder.steps_per_sample.max(1);
         let cost = match &self.sums {
-            Sums::Linearisation(..) => 10 + TANGENT_TENTHS * self.sensitivities.free(),
+            Sums::Linearisation(..) => 10 + TANGENT_TENTHS * self.sensitivities.count(),
             Sums::Comparison(comparison) if comparison.shifts.half > 0 => {
                 let products = (2 * comparison.shifts.half + 1) * problem.channels();
                 let products = (products as u32).div_ceil(SHIFTS_A_TENTH);
@@ -284,6 +301,9 @@ impl Pass {
         let approached = simulation.last_approach();
         for _ in 0..rows {
             let Some(recorded) = recorded.next() else {
+                if let Sums::Linearisation(normal, _) = &mut self.sums {
+                    normal.marginalise();
+                }
                 return true;
             };
             match &mut self.sums {
@@ -292,7 +312,7 @@ impl Pass {
                     comparison.add(
                         problem,
                         self.row,
-                        recorded,
+                        &recorded,
                         &simulation.sample(observation, &problem.track.profile),
                     );
                 }
@@ -300,17 +320,17 @@ impl Pass {
                     let (sample, rows) = self
                         .sensitivities
                         .sample(simulation, observation, &problem.track.profile);
-                    normal.add(&residual(recorded, &sample), &rows, weights);
+                    normal.add(&residual(&recorded, &sample), &rows, weights);
                 }
                 Sums::Correlation(correlation) => {
                     correlation.add(&residual(
-                        recorded,
+                        &recorded,
                         &simulation.sample(observation, &problem.track.profile),
                     ));
                 }
                 Sums::Growth(bins) => {
                     let simulated: [f32; CHANNELS] = simulation.sample(observation, &problem.track.profile);
-                    bins.push(self.row, growth::energy(observation, recorded, &simulated));
+                    bins.push(self.row, growth::energy(observation, &recorded, &simulated));
                 }
             }
             self.row += 1;
@@ -336,12 +356,12 @@ impl Pass {
 }
 
 impl Comparison {
-    fn add(&mut self, problem: &Problem<'_>, row: usize, recorded: &[f32], simulated: &[f32; CHANNELS]) {
+    fn add(&mut self, problem: &Problem<'_>, row: usize, recorded: &[f32; CHANNELS], simulated: &[f32; CHANNELS]) {
         self.residuals.add(residual(recorded, simulated));
         let (channels, Shifts { half, stride }) = (problem.channels(), self.shifts);
         let first = row as isize - (half * stride) as isize;
         for (c, (&simulated, &weight)) in simulated.iter().zip(&self.weights).enumerate().take(channels) {
-            let recorded = recorded.get(c).copied().unwrap_or(f32::NAN);
+            let recorded = recorded[c];
             if !recorded.is_nan() {
                 self.power += weight * recorded * recorded;
             }
@@ -390,14 +410,28 @@ impl Comparison {
 
 impl Normal {
     /// Adds a sample.
-    fn add(&mut self, residual: &[f32; CHANNELS], rows: &[[f32; UNKNOWNS]; CHANNELS], weights: &[f32; CHANNELS]) {
+    fn add(&mut self, residual: &[f32; CHANNELS], rows: &[[f32; DERIVATIVES]; CHANNELS], weights: &[f32; CHANNELS]) {
         self.residuals.add(*residual);
         for ((&r, row), &weight) in residual.iter().zip(rows).zip(weights) {
             if r.is_nan() || weight == 0.0 {
                 continue;
             }
+            let (row, cars) = row.split_at(CAR_LOADS);
             // From derivatives by what the physics knows to derivatives by `theta`.
             let row: [f32; UNKNOWNS] = core::array::from_fn(|i| row[i] * self.by[i]);
+            for (j, &left) in cars.iter().enumerate() {
+                if left == 0.0 {
+                    continue;
+                }
+                let weighted = weight * left;
+                self.pull[j] += weighted * r;
+                for (i, &right) in row.iter().enumerate() {
+                    self.across[(j, i)] += weighted * right;
+                }
+                for (i, &right) in cars.iter().enumerate().skip(j) {
+                    self.among[(i, j)] += weighted * right;
+                }
+            }
             for (j, &left) in row.iter().enumerate() {
                 if left == 0.0 {
                     continue;
@@ -409,6 +443,43 @@ impl Normal {
                 }
             }
         }
+    }
+}
+
+impl Normal {
+    // Not inlined: the factor must not stand on the stack of the pass.
+    /// Eliminates the cars' loads, of which all is known now.
+    #[inline(never)]
+    fn marginalise(&mut self) {
+        let prior = 1.0 / (CAR_LOAD * CAR_LOAD);
+        let mut own = self.among;
+        for car in 0..CARS {
+            own[(car, car)] += prior;
+        }
+        let Some(factor) = own.cholesky() else { return };
+        self.pull.axpy(-prior, &self.at.loads, 1.0);
+        let mut rest = self.pull;
+        factor.solve_mut(&mut rest);
+        self.gain = rest.dot(&self.pull);
+        self.loads += rest;
+        for j in 0..UNKNOWNS {
+            let mut by = self.across.column(j).into_owned();
+            factor.solve_mut(&mut by);
+            self.vector[j] -= by.dot(&self.pull);
+            for i in j..UNKNOWNS {
+                self.matrix[(i, j)] -= by.dot(&self.across.column(i));
+            }
+            self.across.set_column(j, &by);
+        }
+    }
+
+    /// The loads that are best after a step of `theta`.
+    pub fn loads_after(&self, step: &Theta) -> Loads {
+        let mut loads = self.loads;
+        for (column, &by) in self.across.column_iter().zip(step) {
+            loads.axpy(-by, &column, 1.0);
+        }
+        loads
     }
 }
 

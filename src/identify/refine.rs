@@ -20,8 +20,9 @@ use super::estimate::Information;
 use super::objective::{EXPLAINED, Squares, Terms};
 use super::pass::Normal;
 use super::quadratic::Quadratic;
-use super::unknowns::{Limits, Theta, losses};
+use super::unknowns::{Limits, Loads, Point, Theta, losses, surprise};
 use crate::capacity::{CHANNELS, ELEMENTS, UNKNOWNS};
+use crate::interaction::sensitivity::{Wanted, wanted};
 
 /// Probes and linearisations after which the descent stops in any case.
 const MOST_TURNS: u32 = 80;
@@ -60,15 +61,17 @@ pub enum Stop {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Want {
     /// The residuals' sums of squares at this point.
-    Probe(Theta),
+    Probe(Point),
     /// The normal equations there.
-    Linearise(Theta),
+    Linearise(Point),
 }
 
 /// State of a descent.
 #[derive(Debug, Clone)]
 pub struct Refinement {
     limits: Limits,
+    /// How many cars' loads are sought, too.
+    cars: usize,
     /// Sums of squares of the recording.
     power: Squares,
     weights: [f32; CHANNELS],
@@ -78,21 +81,27 @@ pub struct Refinement {
     damping: f32,
     turns: u32,
     /// The best point so far, its residuals, its `Q`.
-    best: Theta,
+    best: Point,
     residuals: Squares,
     q: f32,
     /// The normal equations at the best point, or at the one before, if only a negligible step lies between; terms included.
     normal: Quadratic<UNKNOWNS>,
     /// Where they were set up.
     linearised: Theta,
+    /// The loads that are best at the best point, and by what `Q` falls with them.
+    rest: (Loads, f32),
 }
 
 impl Refinement {
-    /// A descent that starts from `theta`, with the first weights of the channels.
-    pub fn new(theta: &Theta, limits: Limits, power: Squares, weights: [f32; CHANNELS]) -> Self {
-        let start = limits.nearest(theta);
+    /// A descent that starts from a point, with the first weights of the channels.
+    pub fn new(from: &Point, limits: Limits, power: Squares, weights: [f32; CHANNELS]) -> Self {
+        let start = Point {
+            theta: limits.nearest(&from.theta),
+            ..*from
+        };
         Self {
             limits,
+            cars: 0,
             power,
             weights,
             want: Want::Linearise(start),
@@ -103,8 +112,20 @@ impl Refinement {
             residuals: Squares::NONE,
             q: f32::INFINITY,
             normal: Quadratic::ZERO,
-            linearised: start,
+            linearised: start.theta,
+            rest: (start.loads, 0.0),
         }
+    }
+
+    /// The same, looking for the loads of the first so many cars, too.
+    pub fn weighing(mut self, cars: usize) -> Self {
+        self.cars = cars;
+        self
+    }
+
+    /// Whether it looks for cars' loads.
+    pub fn weighs(&self) -> bool {
+        self.cars > 0
     }
 
     /// What it wants to know.
@@ -112,9 +133,14 @@ impl Refinement {
         self.want
     }
 
-    /// The unknowns by which it wants to be differentiated.
+    /// The unknowns that it looks for, but for the loads.
     pub fn free(&self) -> [bool; UNKNOWNS] {
         self.limits.free()
+    }
+
+    /// By what it wants to be differentiated.
+    pub fn wanted(&self) -> Wanted {
+        wanted(&self.free(), self.cars)
     }
 
     /// Weights of the channels.
@@ -123,7 +149,7 @@ impl Refinement {
     }
 
     /// The best point so far.
-    pub fn best(&self) -> &Theta {
+    pub fn best(&self) -> &Point {
         &self.best
     }
 
@@ -149,13 +175,13 @@ impl Refinement {
             return if self.damping > DAMPING[2] {
                 Some(Stop::NoProgress)
             } else {
-                self.aim()
+                self.aim(None)
             };
         }
         if fall > PROMISE * self.promised {
             self.damping = (self.damping / DAMPING_FACTOR).max(DAMPING[1]);
         }
-        let negligible = alike(&trial, &self.best, 1.0) || fall < SMALL_GAIN;
+        let negligible = fall < SMALL_GAIN || self.is_rested() && alike(&trial.theta, &self.best.theta, 1.0);
         self.best = trial;
         self.residuals = *residuals;
         self.q = q;
@@ -169,8 +195,9 @@ impl Refinement {
 
     /// Takes the normal equations and the terms of the point that it wanted; tells why they were the last, if they were.
     pub fn told_normal(&mut self, normal: &Normal, terms: &Terms) -> Option<Stop> {
-        self.best = normal.theta;
-        self.linearised = normal.theta;
+        self.best = normal.at;
+        self.linearised = normal.at.theta;
+        self.rest = (normal.loads, normal.gain);
         self.residuals = normal.residuals;
         self.normal = Quadratic {
             matrix: normal.matrix,
@@ -178,17 +205,22 @@ impl Refinement {
         }
         .mirrored();
         terms.add_to(&mut self.normal, &self.limits.free(), 1.0, &Theta::zeros());
-        self.q = self.objective(&normal.theta, &normal.residuals, terms);
+        self.q = self.objective(&normal.at, &normal.residuals, terms);
         if self.explained(terms) {
             return Some(Stop::Converged);
         }
-        self.aim()
+        self.aim(Some(normal))
+    }
+
+    /// Whether the loads are as good as those that are best.
+    fn is_rested(&self) -> bool {
+        self.rest.1 < SMALL_GAIN
     }
 
     /// `Q`.
-    fn objective(&self, theta: &Theta, residuals: &Squares, terms: &Terms) -> f32 {
-        let mut q = residuals.weighted(&self.weights) + terms.squares();
-        for (&value, &prior) in theta.iter().zip(&self.limits.prior) {
+    fn objective(&self, at: &Point, residuals: &Squares, terms: &Terms) -> f32 {
+        let mut q = residuals.weighted(&self.weights) + terms.squares() + surprise(&at.loads);
+        for (&value, &prior) in at.theta.iter().zip(&self.limits.prior) {
             q += prior * value * value;
         }
         q
@@ -198,8 +230,9 @@ impl Refinement {
         self.residuals.unexplained(&self.power) < EXPLAINED && terms.squares() < MET
     }
 
-    /// Chooses the next trial point from the best one; tells if there is none.
-    fn aim(&mut self) -> Option<Stop> {
+    /// Chooses the next trial point from the best one, with the loads that the normal equations say, if they are there still; tells if
+    /// there is none.
+    fn aim(&mut self, normal: Option<&Normal>) -> Option<Stop> {
         self.turns += 1;
         if self.turns > MOST_TURNS {
             return Some(Stop::Budget);
@@ -208,19 +241,21 @@ impl Refinement {
         for i in 0..UNKNOWNS {
             model.matrix[(i, i)] += self.limits.prior[i];
             model.matrix[(i, i)] *= 1.0 + self.damping;
-            model.vector[i] -= self.limits.prior[i] * self.best[i];
+            model.vector[i] -= self.limits.prior[i] * self.best.theta[i];
         }
-        let lower = core::array::from_fn(|i| self.limits.lower[i] - self.best[i]);
-        let upper = core::array::from_fn(|i| self.limits.upper[i] - self.best[i]);
+        let lower = core::array::from_fn(|i| self.limits.lower[i] - self.best.theta[i]);
+        let upper = core::array::from_fn(|i| self.limits.upper[i] - self.best.theta[i]);
         let Some(minimum) = (model.minimum(&lower, &upper)).or_else(|| model.small_minimum(&lower, &upper)) else {
             return Some(Stop::NoProgress);
         };
-        let trial = self.limits.nearest(&(self.best + minimum.at));
+        let theta = self.limits.nearest(&(self.best.theta + minimum.at));
+        let step = theta - self.best.theta;
+        let loads = normal.map_or(self.rest.0, |normal| normal.loads_after(&step));
         // Without what the damping has added to the model.
         let damped = self.damping / (1.0 + self.damping) * model.size(&minimum.at);
-        self.promised = damped - 2.0 * model.value(&minimum.at);
-        let still = alike(&trial, &self.best, 0.1);
-        self.want = Want::Probe(trial);
+        self.promised = self.rest.1 + damped - 2.0 * model.value(&minimum.at);
+        let still = self.is_rested() && alike(&theta, &self.best.theta, 0.1);
+        self.want = Want::Probe(Point { theta, loads });
         still.then_some(Stop::Converged)
     }
 

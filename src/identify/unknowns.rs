@@ -11,11 +11,14 @@
 //! in the losses it is bent. Nothing is assumed of them but their bounds. Each of the others has a Gaussian prior about
 //! what is expected, of the standard deviation that [`Ranges`](crate::wire::message::Ranges) gives, and is cut off at
 //! [`CUT_OFF`] of it; with a range of 0 it is held.
+//!
+//! The cars' own loads, as parts of what their kind says, are not in `theta`: sixteen more unknowns would double it. They are marginalised
+//! ([`Loads`]), with the prior that [`CAR_LOAD`] says.
 
 use nalgebra::SVector;
 
 use crate::bridge::{Damage, MAX_DAMAGE};
-use crate::capacity::{ELEMENTS, UNKNOWNS};
+use crate::capacity::{CARS, ELEMENTS, UNKNOWNS};
 use crate::interaction::sensitivity::{ENTRY, LOAD, SPEED, STIFFNESS};
 use crate::interaction::{Hypothesis, Observation};
 
@@ -26,6 +29,36 @@ const LEAST: f32 = -0.8;
 
 /// `theta`.
 pub type Theta = SVector<f32, UNKNOWNS>;
+
+/// Standard deviation of a car's load, as a part of it: passengers.
+pub const CAR_LOAD: f32 = 0.02;
+
+/// What each car's load is off by, as a part of it.
+pub type Loads = SVector<f32, CARS>;
+
+/// A point where a passage is compared with the physics.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// The unknowns.
+    pub theta: Theta,
+    /// The cars' loads.
+    pub loads: Loads,
+}
+
+impl From<Theta> for Point {
+    /// With cars that weigh what their kind says.
+    fn from(theta: Theta) -> Self {
+        Self {
+            theta,
+            loads: Loads::zeros(),
+        }
+    }
+}
+
+/// Minus twice the logarithm of what is known of the loads beforehand.
+pub fn surprise(loads: &Loads) -> f32 {
+    loads.dot(loads) / (CAR_LOAD * CAR_LOAD)
+}
 
 /// Bounds and priors of the unknowns.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -115,9 +148,12 @@ pub fn with_losses(mut theta: Theta, damage: &Damage<f32>) -> Theta {
     theta
 }
 
-/// What `theta` says of the passage that is observed.
-pub fn hypothesis(theta: &Theta, observation: &Observation<f32>) -> Hypothesis<f32> {
+/// What a point says of the passage that is observed.
+pub fn hypothesis(Point { theta, loads }: &Point, observation: &Observation<f32>) -> Hypothesis<f32> {
     let mut hypothesis = observation.expected();
+    for (car, load) in hypothesis.cars.iter_mut().zip(loads) {
+        *car += load;
+    }
     hypothesis.damage = losses(theta);
     hypothesis.stiffness *= 1.0 + theta[STIFFNESS];
     hypothesis.run.speed_mps *= 1.0 + theta[SPEED];

@@ -9,7 +9,7 @@
 //! loss of element e    source = sum_f u_f (u_f . q + p2 u_f . q')     over its factors f, u_f of [`Eigenmodes::shares`]
 //! ln of all stiffness  source = -(w^2 q + p2 w^2 q')
 //! ln speed, entry time dphi_i = phi_i' dx_i,  dx_i = v t, -v(t)         (t from the entry)
-//! ln load              dF_i = -W_i
+//! ln load              dF_i = -W_i            of a car's own load, by the part of it: of its contacts alone
 //! the track            du_i = the change of the profile under contact i
 //! ```
 //!
@@ -35,7 +35,7 @@ use super::solver::{Approach, Coupling, PlanarInteraction, TrainSteps, substitut
 use crate::bridge::modes::Remainder;
 use crate::bridge::{Eigenmodes, ReducedBridge};
 use crate::capacity::{
-    CAR_DOFS, CAR_KINDS, CARS_ON_BRIDGE, CHANNELS, CONTACTS, ELEMENTS, FACTORS, PATH_NODES, UNKNOWNS,
+    CAR_DOFS, CAR_KINDS, CARS, CARS_ON_BRIDGE, CHANNELS, CONTACTS, ELEMENTS, FACTORS, PATH_NODES, UNKNOWNS,
 };
 use crate::math::{Real, add_scaled, dot, entries};
 use crate::recorder::AntiAliasState;
@@ -53,6 +53,18 @@ pub const SPEED: usize = ELEMENTS + 1;
 pub const ENTRY: usize = ELEMENTS + 2;
 /// Number of the unknown "logarithm of the load factor".
 pub const LOAD: usize = ELEMENTS + 3;
+/// Number of the unknown "load of the first car, as a part of its kind's"; the other cars' follow it.
+pub const CAR_LOADS: usize = UNKNOWNS;
+/// All that the motion is differentiated by.
+pub const DERIVATIVES: usize = UNKNOWNS + CARS;
+
+/// What is differentiated by, in the order of the numbers above.
+pub type Wanted = [bool; DERIVATIVES];
+
+/// The unknowns that are `free`, and the loads of the first so many cars.
+pub fn wanted(free: &[bool; UNKNOWNS], cars: usize) -> Wanted {
+    core::array::from_fn(|i| free.get(i).copied().unwrap_or(i - CAR_LOADS < cars))
+}
 
 type Cars<T> = TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>;
 type Coupled<T, const M: usize> = Coupling<T, M, CONTACTS, CARS_ON_BRIDGE>;
@@ -75,8 +87,8 @@ struct Source<'a, T: Real, const M: usize> {
     modal: [T; M],
     /// How the shapes under the contacts change with their way, and how far they move.
     turn: Option<(&'a Turn<T>, T)>,
-    /// How much of the static loads is added, and to which car; to all if to none.
-    load: (T, Option<usize>),
+    /// By what part the train's own load factor is larger, of this car alone; of all, if of none.
+    load: Option<Option<usize>>,
     /// Change of what the irregularity does to the contacts.
     rail: Option<&'a AtContacts<Lead<T>>>,
     /// Change of the state in which a car comes from its approach, by its number.
@@ -96,7 +108,7 @@ impl<T: Real, const M: usize> Source<'_, T, M> {
         Self {
             modal,
             turn: None,
-            load: (T::ZERO, None),
+            load: None,
             rail: None,
             entering: &at_rest,
         }
@@ -131,8 +143,8 @@ pub struct Sensitivities<T: Real, const M: usize> {
     factor_count: usize,
     /// Rayleigh's coefficient of the stiffness, s.
     p2: T,
-    free: [bool; UNKNOWNS],
-    tangents: [Tangent<T, M>; UNKNOWNS],
+    wanted: Wanted,
+    tangents: [Tangent<T, M>; DERIVATIVES],
     /// Derivative of the last approach by the logarithm of the speed, as if that moved the car about the end of the bridge.
     by_speed: Option<Approach<T, CAR_DOFS>>,
 }
@@ -211,8 +223,12 @@ impl<T: Real, const M: usize> Tangent<T, M> {
                     *load -= by * dot(impedance, &turn.acceleration[slot]);
                 }
             }
-            let (added, to) = source.load;
-            if added != T::zero() && to.is_none_or(|to| to == index) {
+            let added = match source.load {
+                Some(Some(car)) if car == index => base.run.load_factor,
+                Some(None) => base.load_of(index),
+                _ => T::zero(),
+            };
+            if added != T::zero() {
                 for (load, contact) in loads.iter_mut().zip(&car.contacts) {
                     *load -= added * contact.load_n;
                 }
@@ -248,36 +264,24 @@ impl<T: Real, const M: usize> Tangent<T, M> {
     }
 }
 
-/// What of the surroundings of a passage may be otherwise.
-#[derive(Debug, Clone)]
-pub enum Surrounding<T> {
-    /// The track has this B-spline, 1 m high, more.
-    Track {
-        /// The B-spline.
-        bspline: Profile<T>,
-        /// Where it begins and ends, m.
-        support: [T; 2],
-    },
-    /// The static loads of this car (from 0) are twice as large.
-    Load(usize),
-}
-
-/// How the recorded motion answers to a change of the surroundings; it is proportional to it. For the PC, where hundreds of them are
-/// followed at once ([`Sensitivities::sample_with`]).
+/// How the recorded motion answers to a change of the track by a B-spline; it is proportional to it. For the PC, where hundreds of them
+/// are followed at once ([`Sensitivities::sample_with`]).
 #[derive(Debug, Clone)]
 pub struct Response<T: Real, const M: usize> {
-    to: Surrounding<T>,
+    bspline: Profile<T>,
+    support: [T; 2],
     tangent: Tangent<T, M>,
     approach: Option<Approach<T, CAR_DOFS>>,
-    /// The latest sample of each channel, m/s² (m) per unit of the change.
+    /// The latest sample of each channel, m/s² (m) per metre of the B-spline's height.
     pub sample: [T; CHANNELS],
 }
 
 impl<T: Real, const M: usize> Response<T, M> {
-    /// The response to a change, at rest.
-    pub fn to(change: Surrounding<T>) -> Self {
+    /// The response to a B-spline, 1 m high, that begins and ends at `support`, m; at rest.
+    pub fn to(bspline: Profile<T>, support: [T; 2]) -> Self {
         Self {
-            to: change,
+            bspline,
+            support,
             tangent: Tangent::AT_REST,
             approach: None,
             sample: [T::ZERO; CHANNELS],
@@ -286,54 +290,42 @@ impl<T: Real, const M: usize> Response<T, M> {
 
     /// Follows a step that `base` has made.
     fn step(&mut self, base: &PlanarInteraction<T, M>, observed: &Observation<T>, coupling: &Coupled<T, M>) {
-        let cars = &observed.cars;
-        let source = Source::modal([T::ZERO; M]);
-        match &self.to {
-            Surrounding::Load(car) => {
-                let source = Source {
-                    load: (base.run.load_factor, Some(*car)),
-                    ..source
-                };
-                self.tangent.step(base, cars, coupling, &source);
+        let (cars, bspline, support) = (&observed.cars, &self.bspline, self.support);
+        let speed = coupling.now.speed_mps;
+        let rail = base.rail(cars, coupling, |contact, way| {
+            let x = base.along(way);
+            if support[0] < x && x < support[1] {
+                base.irregularity(bspline, contact.motion, way, speed)
+            } else {
+                Lead::still()
             }
-            Surrounding::Track { bspline, support } => {
-                let speed = coupling.now.speed_mps;
-                let rail = base.rail(cars, coupling, |contact, way| {
-                    let x = base.along(way);
-                    if support[0] < x && x < support[1] {
-                        base.irregularity(bspline, contact.motion, way, speed)
-                    } else {
-                        Lead::still()
-                    }
-                });
-                let ahead = base.along(T::ZERO);
-                let behind = match base.run.direction {
-                    Direction::Forward => support[0] < ahead,
-                    Direction::Backward => support[1] > ahead,
-                };
-                if behind && coupling.aboard.end > coupling.entered {
-                    let last = self.approach.take();
-                    self.approach = base.approach_of(coupling.entered, cars, bspline, last, |contact, way, speed| {
-                        base.irregularity(bspline, contact.motion, way, speed)
-                    });
-                }
-                let approach = self.approach.as_ref();
-                let source = Source {
-                    rail: Some(&rail),
-                    entering: &|index| {
-                        let approached = || {
-                            let (_, (place, _, _)) = cars.from(index).next()?;
-                            let since_s = base.since_begin_s(place, bspline)?;
-                            let (approach, later_s) = base.shared(approach, place, since_s)?;
-                            Some(approach.state(later_s))
-                        };
-                        approached().unwrap_or(CarState::AT_REST)
-                    },
-                    ..source
-                };
-                self.tangent.step(base, cars, coupling, &source);
-            }
+        });
+        let ahead = base.along(T::ZERO);
+        let behind = match base.run.direction {
+            Direction::Forward => support[0] < ahead,
+            Direction::Backward => support[1] > ahead,
+        };
+        if behind && coupling.aboard.end > coupling.entered {
+            let last = self.approach.take();
+            self.approach = base.approach_of(coupling.entered, cars, bspline, last, |contact, way, speed| {
+                base.irregularity(bspline, contact.motion, way, speed)
+            });
         }
+        let approach = self.approach.as_ref();
+        let source = Source {
+            rail: Some(&rail),
+            entering: &|index| {
+                let approached = || {
+                    let (_, (place, _, _)) = cars.from(index).next()?;
+                    let since_s = base.since_begin_s(place, bspline)?;
+                    let (approach, later_s) = base.shared(approach, place, since_s)?;
+                    Some(approach.state(later_s))
+                };
+                approached().unwrap_or(CarState::AT_REST)
+            },
+            ..Source::modal([T::ZERO; M])
+        };
+        self.tangent.step(base, cars, coupling, &source);
         for (c, (sensor, sample)) in observed.recorder.sensors.iter().zip(&mut self.sample).enumerate() {
             *sample = self.tangent.recorded(base, observed, c, sensor.quantity, T::ZERO);
         }
@@ -520,13 +512,13 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         factor_element: [0; FACTORS],
         factor_count: 0,
         p2: T::ZERO,
-        free: [false; UNKNOWNS],
-        tangents: [Tangent::AT_REST; UNKNOWNS],
+        wanted: [false; DERIVATIVES],
+        tangents: [Tangent::AT_REST; DERIVATIVES],
         by_speed: None,
     };
 
     // Not inlined: the eigenproblem must leave the stack.
-    /// Begins with a hypothesis, to be differentiated by the unknowns that are `free`; puts its simulation into `simulation`.
+    /// Begins with a hypothesis, to be differentiated by what is `wanted`; puts its simulation into `simulation`.
     #[inline(never)]
     pub fn begin(
         &mut self,
@@ -534,7 +526,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         hypothesis: &Hypothesis<T>,
         observed: &Observation<T>,
         track: &Profile<T>,
-        free: &[bool; UNKNOWNS],
+        wanted: &Wanted,
         simulation: &mut Slot<Simulation<T, M>>,
     ) -> Result<(), SetupError> {
         let modes = Eigenmodes::new(bridge, &hypothesis.damage);
@@ -549,25 +541,25 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         self.factor_element = bridge.factor_element;
         self.factor_count = bridge.factor_count.min(FACTORS);
         self.p2 = bridge.rayleigh[1];
-        self.free = *free;
+        self.wanted = *wanted;
         self.tangents.fill(Tangent::AT_REST);
         self.by_speed = None;
         Simulation::begin_with(&modes, bridge, hypothesis, observed, track, simulation)
     }
 
-    /// Number of unknowns that are differentiated by.
-    pub fn free(&self) -> u32 {
-        self.free.iter().map(|&free| u32::from(free)).sum()
+    /// Number of derivatives.
+    pub fn count(&self) -> u32 {
+        self.wanted.iter().map(|&wanted| u32::from(wanted)).sum()
     }
 
-    /// The next sample of all channels of the simulation, m/s² (m), and its derivatives by each unknown, zero by those that are
-    /// not free.
+    /// The next sample of all channels of the simulation, m/s² (m), and its derivatives, zero by what is not
+    /// wanted.
     pub fn sample(
         &mut self,
         simulation: &mut Simulation<T, M>,
         observed: &Observation<T>,
         track: &Profile<T>,
-    ) -> ([T; CHANNELS], [[T; UNKNOWNS]; CHANNELS]) {
+    ) -> ([T; CHANNELS], [[T; DERIVATIVES]; CHANNELS]) {
         self.sample_with(simulation, observed, track, &mut [])
     }
 
@@ -578,9 +570,9 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         observed: &Observation<T>,
         track: &Profile<T>,
         responses: &mut [Response<T, M>],
-    ) -> ([T; CHANNELS], [[T; UNKNOWNS]; CHANNELS]) {
+    ) -> ([T; CHANNELS], [[T; DERIVATIVES]; CHANNELS]) {
         let mut sample = [T::zero(); CHANNELS];
-        let mut rows = [[T::zero(); UNKNOWNS]; CHANNELS];
+        let mut rows = [[T::zero(); DERIVATIVES]; CHANNELS];
         if simulation.start() {
             for _ in 0..observed.recorder.steps_per_sample {
                 self.step(&mut simulation.interaction, observed, track, &mut rows, responses);
@@ -595,7 +587,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         base: &mut PlanarInteraction<T, M>,
         observed: &Observation<T>,
         track: &Profile<T>,
-        rows: &mut [[T; UNKNOWNS]; CHANNELS],
+        rows: &mut [[T; DERIVATIVES]; CHANNELS],
         responses: &mut [Response<T, M>],
     ) {
         let mut coupling = Coupling::none();
@@ -605,7 +597,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         if base.entered == 0 {
             return;
         }
-        if self.free[SPEED] && coupling.aboard.end > coupling.entered {
+        if self.wanted[SPEED] && coupling.aboard.end > coupling.entered {
             self.by_speed = base.approach_by_speed(coupling.entered, cars, track, self.by_speed.take());
         }
         let forces = forces(base, cars, &coupling);
@@ -626,7 +618,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
         let on_nodes = base.on_nodes(cars, &coupling, &forces);
         let mut strained = *entries(q);
         add_scaled(&mut strained, self.p2, entries(v));
-        for element in (0..ELEMENTS).filter(|&element| self.free[element]) {
+        for element in (0..ELEMENTS).filter(|&element| self.wanted[element]) {
             let (mut modal, mut seen) = ([T::zero(); M], still);
             for f in (0..self.factor_count).filter(|&f| usize::from(self.factor_element[f]) == element) {
                 let (share, remainder) = (&self.shares[f], &self.remainders[f]);
@@ -647,14 +639,14 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
             }
             follow(element, &Source::modal(modal), &seen);
         }
-        if self.free[STIFFNESS] {
+        if self.wanted[STIFFNESS] {
             let modal = core::array::from_fn(|k| -base.bridge.omega_squared[k] * (q[k] + self.p2 * v[k]));
             follow(STIFFNESS, &Source::modal(modal), &still);
         }
-        if self.free[SPEED] || self.free[ENTRY] {
+        if self.wanted[SPEED] || self.wanted[ENTRY] {
             let (turn, modal) = base.moved(cars, &coupling, &forces);
             let since_entry = T::counted(base.steps as i32) * base.step_s - base.run.entry_time_s;
-            for unknown in [SPEED, ENTRY].into_iter().filter(|&unknown| self.free[unknown]) {
+            for unknown in [SPEED, ENTRY].into_iter().filter(|&unknown| self.wanted[unknown]) {
                 let (way_by, speed_by) = moves(unknown, &base.run, &coupling.now, since_entry);
                 let speed = [coupling.now.speed_mps, speed_by];
                 let rail = track.extent_m().map(|_| {
@@ -672,12 +664,20 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
                 follow(unknown, &source, &still);
             }
         }
-        if self.free[LOAD] {
+        if self.wanted[LOAD] {
             let source = Source {
-                load: (base.run.load_factor, None),
+                load: Some(None),
                 ..Source::modal([T::zero(); M])
             };
             follow(LOAD, &source, &still);
+        }
+        // Before a car has come its load moves nothing.
+        for car in (0..base.entered).filter(|&car| self.wanted[CAR_LOADS + car]) {
+            let source = Source {
+                load: Some(Some(car)),
+                ..Source::modal([T::zero(); M])
+            };
+            follow(CAR_LOADS + car, &source, &still);
         }
         for response in responses {
             response.step(base, observed, &coupling);

@@ -4,7 +4,7 @@ use super::run::{Run, SetupError};
 use super::scheme::Scheme;
 use super::solver::{PlanarInteraction, TrainSteps};
 use crate::bridge::{Damage, Eigenmodes, ModalBridge, ReducedBridge};
-use crate::capacity::{CAR_DOFS, CAR_KINDS, CHANNELS, CONTACTS, ELEMENTS};
+use crate::capacity::{CAR_DOFS, CAR_KINDS, CARS, CHANNELS, CONTACTS, ELEMENTS};
 use crate::math::Real;
 use crate::recorder::{AntiAlias, AntiAliasState};
 use crate::slot::Slot;
@@ -77,11 +77,7 @@ impl<T: Real> Observation<T> {
 
     /// The healthy bridge, and the train as it is expected.
     pub fn expected(&self) -> Hypothesis<T> {
-        Hypothesis {
-            damage: [T::zero(); ELEMENTS],
-            stiffness: self.stiffness,
-            run: self.run,
-        }
+        Hypothesis::new([T::zero(); ELEMENTS], self.stiffness, self.run)
     }
 
     /// An observation of `train`, stepped by `scheme`.
@@ -110,6 +106,20 @@ pub struct Hypothesis<T: Real> {
     pub stiffness: T,
     /// How the train runs.
     pub run: Run<T>,
+    /// Static loads of each car, as parts of what its kind says.
+    pub cars: [T; CARS],
+}
+
+impl<T: Real> Hypothesis<T> {
+    /// With cars that weigh what their kind says.
+    pub fn new(damage: Damage<T>, stiffness: T, run: Run<T>) -> Self {
+        Self {
+            damage,
+            stiffness,
+            run,
+            cars: [T::one(); CARS],
+        }
+    }
 }
 
 /// An interaction behind the recorder's chain: an endless row of samples.
@@ -165,7 +175,8 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         }
         let modal = ModalBridge::of(modes, bridge, hypothesis.stiffness, &observed.places());
         *place = Slot::Full(Self {
-            interaction: PlanarInteraction::new(modal, track, &observed.cars, hypothesis.run)?,
+            interaction: PlanarInteraction::new(modal, track, &observed.cars, hypothesis.run)?
+                .with_loads(hypothesis.cars),
             states: [AntiAliasState::AT_REST; CHANNELS],
             started: false,
         });

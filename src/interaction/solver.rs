@@ -28,6 +28,7 @@ use super::contact::Modes;
 use super::run::{Direction, Kinematics, Run, SetupError, TrainPosition};
 use super::scheme::{CORNER_STEPS, ModeSteps, Scheme, corner};
 use crate::bridge::ModalBridge;
+use crate::capacity::CARS;
 use crate::math::{Real, add_scaled, dot, entries};
 use crate::track::Track;
 use crate::train::{Car, Contact, Motion, Place, Train};
@@ -151,6 +152,8 @@ pub(super) type Aboard<'a, T, const D: usize, const C: usize> = (&'a Place<T>, &
 pub struct Interaction<T: Real, B, const M: usize, const D: usize, const C: usize, const A: usize> {
     pub(super) bridge: B,
     pub(super) run: Run<T>,
+    /// Static loads of each car, as parts of its kind's.
+    loads: [T; CARS],
     pub(super) step_s: T,
     pub(super) steps: u32,
     pub(super) modes: ModeSteps<T, M>,
@@ -317,6 +320,7 @@ where
             contact_beta_h2: cars.scheme.contact_beta::<T>() * h * h,
             bridge,
             run,
+            loads: [T::one(); CARS],
             step_s: h,
             steps: 0,
             length_m,
@@ -333,6 +337,17 @@ where
             return Err(SetupError::Stops);
         }
         Ok(this)
+    }
+
+    /// The same with cars of which each has such a part of its kind's static loads.
+    pub fn with_loads(mut self, loads: [T; CARS]) -> Self {
+        self.loads = loads;
+        self
+    }
+
+    /// Factor of car `index`'s static loads.
+    pub(super) fn load_of(&self, index: usize) -> T {
+        self.run.load_factor * self.loads.get(index).copied().unwrap_or(T::one())
     }
 
     /// Modal displacements, kg^1/2 m.
@@ -503,8 +518,9 @@ where
             }
         }
         steps.predict(car, &mut self.cars[index % A], &leads, loads);
+        let factor = self.load_of(index);
         for (load, contact) in loads.iter_mut().zip(&car.contacts) {
-            *load -= self.run.load_factor * contact.load_n;
+            *load -= factor * contact.load_n;
         }
         on
     }

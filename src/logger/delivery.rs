@@ -18,6 +18,7 @@ use heapless::Vec;
 use super::{Logger, adopt};
 use crate::capacity::MODEL_BLOB_BYTES;
 use crate::identify::evidence::{EVIDENCE_BYTES, Evidence};
+use crate::passage::samples::Samples;
 use crate::slot::Slot;
 use crate::wire::message::{BLOCK_COUNTS, CHUNK_BYTES, Chunk, Outcome, PassagePiece, Reason, Verdict};
 
@@ -180,16 +181,18 @@ impl Logger {
     pub fn give_passage(&self, offset: u32) -> PassagePiece {
         let samples = match self.strange.clearings == self.stream.clearings() && self.strange.passage > 0 {
             true => self.stream.passage_samples(),
-            false => &[],
+            false => Samples::Plain(&[]),
         };
-        let rest = samples.get(offset as usize..).unwrap_or_default();
         PassagePiece {
             passage: if samples.is_empty() { 0 } else { self.strange.passage },
             first_sample: self.strange.first_sample,
             channels: self.configuration.as_ref().map_or(0, |c| c.channels.len()) as u8,
             total: samples.len() as u32,
             offset,
-            values: rest.iter().take(BLOCK_COUNTS).copied().collect(),
+            values: (offset as usize..)
+                .map_while(|place| samples.get(place))
+                .take(BLOCK_COUNTS)
+                .collect(),
         }
     }
 

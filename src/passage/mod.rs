@@ -5,6 +5,7 @@
 //! | [`conditioning`] | counts of one channel | acceleration or displacement; finds saturated and stuck samples |
 //! | [`detector`] | accelerations of all channels | offset, quiet level, "something rolls over the bridge" |
 //! | [`bracket`] | the level while it moves | when the strong motion began and ended |
+//! | [`samples`] | accelerations of a passage | keeps them |
 //! | [`stream`] | blocks of counts | the three above, gaps, the samples from before the beginning; gives a [`Passage`] |
 //!
 //! Everything is decided sample by sample, so the size of the blocks in which samples arrive cannot matter, and memory is
@@ -13,15 +14,13 @@
 pub mod bracket;
 pub mod conditioning;
 pub mod detector;
+pub mod samples;
 pub mod stream;
 
-use crate::capacity::{CHANNELS, PASSAGE_SAMPLES};
+use crate::capacity::CHANNELS;
 use crate::wire::message::Quality;
 
 pub use stream::Stream;
-
-/// Samples of one passage, m/s² (m) without offset, channel after channel within a sample.
-pub type PassageSamples = heapless::Vec<f32, PASSAGE_SAMPLES>;
 
 /// What became of a passage's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,7 +5,8 @@ use heapless::{Deque, Vec};
 use super::bracket::Bracket;
 use super::conditioning::{Conditioner, Fault, stuck_run};
 use super::detector::{Detector, Thresholds};
-use super::{Kept, Passage, PassageSamples};
+use super::samples::{PassageSamples, Samples};
+use super::{Kept, Passage};
 use crate::capacity::{CHANNELS, LEAD_VALUES};
 use crate::slot::Slot;
 use crate::wire::message::{Channel, Configuration, Quality, Quantity};
@@ -120,8 +121,8 @@ impl Stream {
     }
 
     /// Samples of the passage that was given last with [`Kept::Whole`].
-    pub fn passage_samples(&self) -> &[f32] {
-        &self.samples
+    pub fn passage_samples(&self) -> Samples<'_> {
+        Samples::Kept(&self.samples)
     }
 
     /// The samples of the passage that ended are no longer needed; until then later ones are not kept. They stay until the next
@@ -248,7 +249,7 @@ impl Stream {
             kept = Kept::Whole;
             self.clear();
             for (value, c) in self.lead.iter().zip((0..channels).cycle()) {
-                if self.samples.push(value - self.detector.offset(c)).is_err() {
+                if !self.samples.push(value - self.detector.offset(c)) {
                     kept = Kept::TooLong;
                 }
             }
@@ -333,7 +334,7 @@ impl Open {
                 *sum += x * x;
             }
             if let Some(samples) = &mut kept {
-                room &= samples.push(x).is_ok();
+                room &= samples.push(x);
             }
         }
         if !room {

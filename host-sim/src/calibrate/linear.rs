@@ -12,9 +12,10 @@
 use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
 use spanwatch::bridge::ReducedBridge;
-use spanwatch::capacity::{CHANNELS, ELEMENTS, MODES, UNKNOWNS};
+use spanwatch::capacity::{CARS, CHANNELS, ELEMENTS, MODES, UNKNOWNS};
 use spanwatch::identify::objective::Squares;
-use spanwatch::interaction::sensitivity::{ENTRY, LOAD, Response, SPEED, STIFFNESS, Surrounding};
+use spanwatch::identify::unknowns::CAR_LOAD;
+use spanwatch::interaction::sensitivity::{CAR_LOADS, ENTRY, LOAD, Response, SPEED, STIFFNESS, wanted};
 use spanwatch::interaction::{Hypothesis, Run, Sensitivities, Simulation};
 use spanwatch::math::Real;
 use spanwatch::slot::Slot;
@@ -32,6 +33,15 @@ pub const COEFFICIENTS: usize = ELEMENTS + 2;
 const OWN: [usize; 3] = [SPEED, ENTRY, LOAD];
 /// Part of the damping by which it is changed for its derivative.
 const DAMPING_STEP: f32 = 0.02;
+
+/// How a train passed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Passing {
+    /// How it ran.
+    pub run: Run<f32>,
+    /// Static loads of its cars, as parts of what their kind says.
+    pub cars: [f32; CARS],
+}
 
 /// What all passages share.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,17 +103,18 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// Linearises a passage at a run and what is shared; `car_load` is the standard deviation of a car's load, as a part of it.
+    /// Linearises a passage at how the train passed and what is shared.
     ///
     /// # Errors
     /// If the passage cannot be simulated.
-    pub fn of(observed: &Observed, run: &Run<f32>, shared: &Shared, knots: &Knots<f32>, car_load: f64) -> Result<Self> {
+    pub fn of(observed: &Observed, passing: &Passing, shared: &Shared, knots: &Knots<f32>) -> Result<Self> {
         let bridge = shared.damped(&observed.bridge);
         let track = shared.profile(knots);
         let hypothesis = Hypothesis {
             damage: shared.damage.map(|loss| loss as f32),
             stiffness: shared.stiffness as f32,
-            run: *run,
+            run: passing.run,
+            cars: passing.cars,
         };
         let problem = observed.problem();
         let observation = problem.observation;
@@ -117,10 +128,17 @@ impl Linear {
         for (unknown, range) in OWN.into_iter().zip(ranges) {
             free[unknown] = range > 0.0;
         }
-        let mut responses = responses(cars, knots);
+        let mut responses = responses(knots);
         let mut sensitivities = Box::new(Sensitivities::<f32, MODES>::NONE);
         let mut place = Slot::Empty;
-        sensitivities.begin(&bridge, &hypothesis, observation, &track, &free, &mut place)?;
+        sensitivities.begin(
+            &bridge,
+            &hypothesis,
+            observation,
+            &track,
+            &wanted(&free, cars),
+            &mut place,
+        )?;
         let simulation = place.as_mut().context("a simulation that has begun")?;
         let damped = bridge.clone().damped(1.0 + DAMPING_STEP);
         let mut more = Simulation::<f32, MODES>::new(&damped, &hypothesis, observation, &track)?;
@@ -146,10 +164,10 @@ impl Linear {
                 let damping = (damped[c] - sample[c]) / DAMPING_STEP;
                 let values = own_values
                     .into_iter()
-                    .chain(responses.iter().take(cars).map(|response| response.sample[c]))
+                    .chain(by[c].iter().skip(CAR_LOADS).take(cars).copied())
                     .chain(shared_values)
                     .chain([damping])
-                    .chain(responses.iter().skip(cars).map(|response| response.sample[c]));
+                    .chain(responses.iter().map(|response| response.sample[c]));
                 for (to, value) in column.iter_mut().zip(values) {
                     *to = value.into();
                 }
@@ -164,14 +182,16 @@ impl Linear {
         let matrix = &weighted * jacobian.transpose();
         let vector = weighted * residual;
 
-        let expected = &observation.run;
+        let (run, expected) = (&passing.run, &observation.run);
         let offsets = [
             run.speed_mps / expected.speed_mps - 1.0,
             run.entry_time_s - expected.entry_time_s,
             run.load_factor / expected.load_factor - 1.0,
         ];
         let of_run = (ranges.into_iter().zip(offsets)).map(|(range, offset)| [precision_of(range), offset.into()]);
-        let priors: Vec<[f64; 2]> = of_run.chain((0..cars).map(|_| [car_load.powi(-2), 0.0])).collect();
+        let priors: Vec<[f64; 2]> = of_run
+            .chain((passing.cars.iter().take(cars)).map(|car| [f64::from(CAR_LOAD).powi(-2), f64::from(car - 1.0)]))
+            .collect();
         Ok(Self {
             own: Eliminated::of(&matrix, &vector, &priors)?,
             residuals,
@@ -179,15 +199,19 @@ impl Linear {
         })
     }
 
-    /// The run after a step of the shared unknowns.
-    pub fn run(&self, run: &Run<f32>, step: &DVector<f64>) -> Run<f32> {
+    /// How the train passed, after a step of the shared unknowns.
+    pub fn passing(&self, Passing { run, mut cars }: Passing, step: &DVector<f64>) -> Passing {
         let own = &self.own.at_rest - &self.own.by_shared * step;
-        Run {
+        for (car, by) in cars.iter_mut().zip(own.iter().skip(OWN.len())) {
+            *car += *by as f32;
+        }
+        let run = Run {
             speed_mps: run.speed_mps * own[0].exp() as f32,
             entry_time_s: run.entry_time_s + own[1] as f32,
             load_factor: run.load_factor * own[2].exp() as f32,
-            ..*run
-        }
+            ..run
+        };
+        Passing { run, cars }
     }
 }
 
@@ -236,15 +260,13 @@ pub fn precision_of(range: f32) -> f64 {
     if range > 0.0 { f64::from(range).powi(-2) } else { 1.0 }
 }
 
-/// Responses to the load of each of so many cars, then to each coefficient of a profile.
-pub fn responses<T: Real>(cars: usize, knots: &Knots<T>) -> Vec<Response<T, MODES>> {
-    (0..cars)
-        .map(|car| Response::to(Surrounding::Load(car)))
-        .chain((0..knots.coefficients()).filter_map(|k| {
+/// Responses to each coefficient of a profile.
+pub fn responses<T: Real>(knots: &Knots<T>) -> Vec<Response<T, MODES>> {
+    (0..knots.coefficients())
+        .filter_map(|k| {
             let support = knots.support(k)?;
-            let bspline = Profile::bspline(knots.clone(), k);
-            Some(Response::to(Surrounding::Track { bspline, support }))
-        }))
+            Some(Response::to(Profile::bspline(knots.clone(), k), support))
+        })
         .collect()
 }
 

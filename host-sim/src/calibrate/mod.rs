@@ -52,10 +52,8 @@ use crate::identification::Observed;
 use crate::model::to_blob;
 use crate::track::Spectrum;
 use crate::track::prior::{covariance_of_waves, precision};
-use linear::{COEFFICIENTS, Linear, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
+use linear::{COEFFICIENTS, Linear, Passing, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
 
-/// Standard deviation of a car's load, as a part of it: passengers.
-const CAR_LOAD: f64 = 0.02;
 /// Standard deviations, beforehand, of the logarithms of stiffness and damping: a model may be off by a tenth, and of the damping only
 /// its size is known.
 const STIFFNESS_PRIOR: f64 = 0.1;
@@ -183,7 +181,7 @@ pub enum Outcome {
 /// What is known of a passage while it is learnt from.
 struct Candidate<'a> {
     passage: &'a Passage,
-    run: Run<f32>,
+    passing: Passing,
     smooth: f32,
 }
 
@@ -254,7 +252,7 @@ pub fn calibrate(
     let learnt = joint.learnt(&candidates, &solved, options)?;
     for (i, candidate) in &candidates {
         outcomes[*i] = Outcome::Used {
-            run: candidate.run,
+            run: candidate.passing.run,
             unexplained: [candidate.smooth, 0.0],
         };
     }
@@ -314,7 +312,10 @@ fn begin(passage: &Passage, found: Result<Identification>) -> Result<Candidate<'
     let found = found.map_err(|error| format!("it cannot be simulated: {error:#}"))?;
     Ok(Candidate {
         passage,
-        run: found.run,
+        passing: Passing {
+            run: found.run,
+            cars: found.cars,
+        },
         smooth: found.unexplained,
     })
 }
@@ -372,10 +373,9 @@ impl Joint {
             let passages = (each(&*candidates, |(_, candidate)| {
                 Linear::of(
                     &candidate.passage.observed,
-                    &candidate.run,
+                    &candidate.passing,
                     &self.shared,
                     &self.knots,
-                    CAR_LOAD,
                 )
             })
             .into_iter())
@@ -395,7 +395,7 @@ impl Joint {
             }
             self.shared.step(&step);
             for ((_, candidate), passage) in candidates.iter_mut().zip(&passages) {
-                candidate.run = passage.run(&candidate.run, &step);
+                candidate.passing = passage.passing(candidate.passing, &step);
             }
             let coefficients = DVector::from_row_slice(&self.shared.coefficients);
             let n = coefficients.len();
@@ -472,7 +472,7 @@ impl Joint {
             speeds: [0; 2],
         };
         for (_, candidate) in candidates {
-            learnt.speeds[candidate.passage.train as usize] |= 1 << speed_band(candidate.run.speed_mps);
+            learnt.speeds[candidate.passage.train as usize] |= 1 << speed_band(candidate.passing.run.speed_mps);
         }
         // As the logger will: each passage once more, with what was learnt.
         let monitored = each(candidates, |(_, candidate)| {

@@ -6,7 +6,6 @@ use anyhow::Result;
 use plotters::style::Color;
 use plotters::style::text_anchor::HPos;
 use spanwatch::identify::Identification;
-use spanwatch::interaction::Hypothesis;
 use spanwatch::wire::message::Quantity;
 
 use super::canvas::{BLUE, BODY, INK, LEFT, Mark, PALE, SMALL, SOFT, Svg, TITLE, VERMILION, ticks};
@@ -29,11 +28,7 @@ pub fn passage_on_tracks(path: &Path, passage: &Passage, calibration: &Calibrati
         let mut whole = observed.clone();
         whole.bridge.elements = 0;
         let found = whole.identify(seed)?;
-        let fitted = whole.simulate_hypothesis(&Hypothesis {
-            damage: found.estimate.damage,
-            stiffness: found.stiffness,
-            run: found.run,
-        })?;
+        let fitted = whole.simulate_hypothesis(&found.hypothesis())?;
         Ok((found, fitted))
     };
     let observed = &passage.observed;

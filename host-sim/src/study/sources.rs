@@ -22,7 +22,7 @@ use spanwatch::bridge::modes::FrequencySlopes;
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::capacity::{CHANNELS, ELEMENTS, MODES};
 use spanwatch::identify::free_vibration::{SEARCHED, TAIL_MODES, expected, first_free_sample};
-use spanwatch::interaction::sensitivity::STIFFNESS;
+use spanwatch::interaction::sensitivity::{STIFFNESS, wanted};
 use spanwatch::interaction::simulation::{Recorder, Sensor};
 use spanwatch::interaction::{Hypothesis, Observation, Sensitivities};
 use spanwatch::slot::Slot;
@@ -231,11 +231,7 @@ impl Passage {
         let train = PlanarTrain::of_kind(setting.case.train, setting.case.cars).context("a train of 1 to 16 cars")?;
         let way_m = bridge.path.length_m() + train.length_m();
         let rate_hz = scenario.sample_interval_s().recip();
-        let hypothesis = Hypothesis {
-            damage: truth.damage,
-            stiffness: 1.0,
-            run: scenario.run::<f64>(),
-        };
+        let hypothesis = Hypothesis::new(truth.damage, 1.0, scenario.run::<f64>());
         let left_s = hypothesis.run.time_at_s(way_m).context("the train stops")?;
         let ends = TAILS_S.map(|tail_s| ((left_s + tail_s) * rate_hz).ceil() as usize);
         let (mut signal, mut jacobian) = (vec![], vec![]);
@@ -246,7 +242,14 @@ impl Passage {
             let mut sensitivities = Box::new(Sensitivities::<f64, MODES>::NONE);
             let mut place = Slot::Empty;
             let track = Profile::SMOOTH;
-            sensitivities.begin(bridge, &hypothesis, &observation, &track, &[true; UNKNOWNS], &mut place)?;
+            sensitivities.begin(
+                bridge,
+                &hypothesis,
+                &observation,
+                &track,
+                &wanted(&[true; UNKNOWNS], 0),
+                &mut place,
+            )?;
             let simulation = place.as_mut().context("a simulation that has begun")?;
             let at = signal.len();
             signal.resize(at + chunk.len(), vec![]);
@@ -255,7 +258,7 @@ impl Passage {
                 let (sample, rows) = sensitivities.sample(simulation, &observation, &track);
                 for c in 0..chunk.len() {
                     signal[at + c].push(sample[c]);
-                    jacobian[at + c].push(rows[c]);
+                    jacobian[at + c].push(std::array::from_fn(|unknown| rows[c][unknown]));
                 }
             }
         }

@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! R(x, y) = rho(x - y) - rho(x - x0) - rho(y - x0) + rho(0),   rho(d) = integral S(s) cos(2 pi s d) ds
-//! c = F r,  F = (N^T N)^-1 N^T                                 the B-splines' least-squares fit to the rail at close points
+//! c = F r,  F = (N^T W N)^-1 N^T W,  W = w^2 + D^T D           the B-splines' least-squares fit to the rail at close points
 //! Cov(c) = F R F^T
 //! ```
 //!
-//! `x0` is the first knot, from whose height a profile is measured. Waves shorter than two spans are not in a profile, and the
-//! fit leaves them out.
+//! `x0` is the first knot, from whose height a profile is measured. `D` takes second differences: wheels follow the rail's curvature, so that is
+//! what is fitted, and its height with the weight `w` that makes both equal for a wave of [`EVEN_M`]. Waves shorter than two spans are
+//! not in a profile, and the fit leaves them out.
 
 use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
@@ -19,6 +20,8 @@ use super::spectrum::Quantity;
 
 /// Distance of the points that a fit is made to, m.
 const POINT_M: f64 = 0.2;
+/// Wave whose height counts as much as its curvature in a fit, m.
+const EVEN_M: f64 = 20.0;
 /// Waves by which the spectrum is summed, evenly spaced in the logarithm of their length.
 const WAVES: usize = 1500;
 /// Part of the largest variance that is added to each, so that the covariance keeps its inverse.
@@ -40,14 +43,30 @@ fn fitting(knots: &Knots<f64>, points: &[f64]) -> DMatrix<f64> {
             bsplines[(i, k)] = bspline.at(Motion::Vertical, x).value;
         }
     }
-    let transposed = bsplines.transpose();
-    let gram = &transposed * bsplines;
+    let weighted = weigh(&bsplines);
+    let gram = weighted.tr_mul(&bsplines);
     // B-splines are independent: the matrix has a factor wherever a point lies in each.
-    gram.cholesky()
-        .map_or_else(|| DMatrix::zeros(n, points.len()), |factor| factor.solve(&transposed))
+    gram.cholesky().map_or_else(
+        || DMatrix::zeros(n, points.len()),
+        |factor| factor.solve(&weighted.transpose()),
+    )
 }
 
-/// Coefficients of the profile nearest to a track, m: least squares at close points.
+/// `W` times columns of heights.
+fn weigh(heights: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut weighted = heights * (std::f64::consts::TAU / EVEN_M).powi(4);
+    for (mut to, from) in weighted.column_iter_mut().zip(heights.column_iter()) {
+        for i in 1..from.len().saturating_sub(1) {
+            let curvature = (from[i - 1] - 2.0 * from[i] + from[i + 1]) / POINT_M.powi(4);
+            to[i - 1] += curvature;
+            to[i] -= 2.0 * curvature;
+            to[i + 1] += curvature;
+        }
+    }
+    weighted
+}
+
+/// Coefficients of the profile nearest to a track, m, as wheels feel it.
 pub fn fit(track: &impl Track<f64>, knots: &Knots<f64>) -> Vec<f64> {
     let points = points(knots);
     let heights = DVector::from_iterator(

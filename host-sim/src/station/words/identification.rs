@@ -440,6 +440,7 @@ pub fn stop(stop: Stop) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use spanwatch::capacity::CARS;
     use spanwatch::identify::DamageCode;
     use spanwatch::identify::estimate::Information;
     use spanwatch::identify::unknowns::flexibility;
@@ -475,6 +476,7 @@ mod tests {
             code: DamageCode::nearest(&damage),
             run: Run::at(20.0),
             stiffness: 1.0,
+            cars: [1.0; CARS],
             std: [0.0; 4],
             objective: 1e-6,
             objective_healthy: 1e-4,

@@ -71,11 +71,7 @@ impl Explaining {
     /// # Errors
     /// If the run is none.
     pub fn simulate(&self, at: &Point, samples: usize) -> Result<Vec<f64>> {
-        let hypothesis = Hypothesis {
-            damage: at.damage,
-            stiffness: at.stiffness,
-            run: at.run,
-        };
+        let hypothesis = Hypothesis::new(at.damage, at.stiffness, at.run);
         let channels = self.observation.recorder.sensors.len();
         let mut simulation = Simulation::<f64, MODES>::new(&self.bridge, &hypothesis, &self.observation, &self.track)?;
         Ok((0..samples)

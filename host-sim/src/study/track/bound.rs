@@ -17,7 +17,7 @@ use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use spanwatch::bridge::{Damage, ReducedBridge};
 use spanwatch::capacity::{ELEMENTS, MODES, UNKNOWNS};
-use spanwatch::interaction::sensitivity::{ENTRY, LOAD, SPEED, STIFFNESS};
+use spanwatch::interaction::sensitivity::{CAR_LOADS, ENTRY, LOAD, SPEED, STIFFNESS, wanted};
 use spanwatch::interaction::{Hypothesis, Sensitivities, Simulation};
 use spanwatch::slot::Slot;
 use spanwatch::track::profile::{Knots, Profile, Stretch};
@@ -92,11 +92,7 @@ impl Known {
 /// If the passage cannot be simulated.
 pub fn information(problem: &Problem<'_>, scenario: &Scenario) -> Result<DMatrix<f64>> {
     let observed = observation(problem.bridge, scenario)?;
-    let hypothesis = Hypothesis {
-        damage: problem.damage,
-        stiffness: 1.0,
-        run: observed.run,
-    };
+    let hypothesis = Hypothesis::new(problem.damage, 1.0, observed.run);
     let ranges = [
         problem.ranges.speed,
         problem.ranges.entry_s,
@@ -113,11 +109,18 @@ pub fn information(problem: &Problem<'_>, scenario: &Scenario) -> Result<DMatrix
     } else {
         0
     };
-    let mut responses = responses(cars, knots);
+    let mut responses = responses(knots);
     let mut sensitivities = Box::new(Sensitivities::<f64, MODES>::NONE);
     let mut place: Slot<Simulation<f64, MODES>> = Slot::Empty;
     let track = problem.track;
-    sensitivities.begin(problem.bridge, &hypothesis, &observed, track, &free, &mut place)?;
+    sensitivities.begin(
+        problem.bridge,
+        &hypothesis,
+        &observed,
+        track,
+        &wanted(&free, cars),
+        &mut place,
+    )?;
     let simulation = place.as_mut().context("a simulation that has begun")?;
 
     let length_m = observed.cars.train().length_m() + problem.bridge.path.length_m();
@@ -133,9 +136,9 @@ pub fn information(problem: &Problem<'_>, scenario: &Scenario) -> Result<DMatrix
         for c in 0..channels {
             squares[c] += sample[c] * sample[c];
             let values = (OWN.into_iter().map(|unknown| by[c][unknown]))
-                .chain(responses.iter().take(cars).map(|response| response.sample[c]))
+                .chain(by[c].iter().skip(CAR_LOADS).take(cars).copied())
                 .chain(by[c].iter().take(ELEMENTS).copied())
-                .chain(responses.iter().skip(cars).map(|response| response.sample[c]));
+                .chain(responses.iter().map(|response| response.sample[c]));
             for (to, value) in jacobian.column_mut(row * channels + c).iter_mut().zip(values) {
                 *to = value;
             }

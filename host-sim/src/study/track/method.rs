@@ -236,12 +236,11 @@ mod tests {
     use crate::model;
     use crate::study::noise::campaign::Spread;
     use crate::track::Spectrum;
-    use nalgebra::{DMatrix, DVector};
+    use crate::track::prior::fit;
     use spanwatch::capacity::CHANNELS;
     use spanwatch::track::blob;
     use spanwatch::track::learnt::{UNLEARNT, Unexplained};
     use spanwatch::track::profile::Profile;
-    use spanwatch::track::{Motion, Track};
 
     const SETTING: Setting = Setting {
         class: Spectrum::Fra6,
@@ -250,32 +249,6 @@ mod tests {
         uneven: false,
         temperature: 0.0,
     };
-
-    /// The profile whose forces on wheels come nearest to a track's: they follow its curvature.
-    fn nearest(track: &dyn Track<f64>) -> Vec<f64> {
-        // A height counts as much as the curvature of a wave of 20 m that high.
-        let weight = (std::f64::consts::TAU / 20.0).powi(2);
-        let knots = knots(50.0).expect("knots");
-        let [first, last] = knots.extent_m().expect("knots");
-        let x_m: Vec<f64> = (0..)
-            .map(|i| first + 0.1 * f64::from(i))
-            .take_while(|&x| x < last)
-            .collect();
-        let rows = |track: &dyn Track<f64>| -> Vec<f64> {
-            let begin = track.at(Motion::Vertical, first).value;
-            let at = x_m.iter().map(|&x| track.at(Motion::Vertical, x));
-            at.flat_map(|at| [weight * (at.value - begin), at.curvature]).collect()
-        };
-        let columns: Vec<DVector<f64>> = (0..knots.coefficients())
-            .map(|k| DVector::from(rows(&Profile::bspline(knots.clone(), k))))
-            .collect();
-        let bsplines = DMatrix::from_columns(&columns);
-        let factor = bsplines.tr_mul(&bsplines).cholesky().expect("independent B-splines");
-        factor
-            .solve(&bsplines.tr_mul(&DVector::from(rows(track))))
-            .as_slice()
-            .to_vec()
-    }
 
     /// Stands in for a calibration: it is shown the true track of the viaduct of seed 1.
     struct Shown {
@@ -287,7 +260,7 @@ mod tests {
         fn new() -> Self {
             let viaduct = Viaduct::new(&girder50(), &SETTING, 1).expect("a viaduct");
             Self {
-                coefficients: nearest(viaduct.track(false)),
+                coefficients: fit(viaduct.track(false), &knots(50.0).expect("knots")),
                 logged: Logged::new(&viaduct.model, 1, None).expect("a model"),
             }
         }
