@@ -64,6 +64,10 @@ const DAMAGE_PRIOR: f64 = 0.3;
 const MOST_STEPS: usize = 12;
 /// ... they end before a step that would take less than this part of what is left.
 const SETTLED: f64 = 1e-3;
+/// The level is sought until it moves by less than this part of it, ...
+const LEVEL_SETTLED: f64 = 0.01;
+/// ... in so many turns at most.
+const MOST_TURNS: usize = 100;
 /// A passage is left out if what it leaves unexplained is so many robust deviations above the others' median.
 const OUTLYING: f64 = 6.0;
 /// The robust deviation is at least this: a passage a fifth worse than the rest is none the worse for it.
@@ -226,7 +230,6 @@ pub fn calibrate(
         }
     }
     progress(1, turns);
-
     let mut joint = Joint::new(&knots, options)?;
     let solved = loop {
         if candidates.len() < FEWEST {
@@ -383,7 +386,7 @@ impl Joint {
             let unexplained: Vec<f64> = (passages.iter())
                 .map(|passage| passage.residuals.unexplained(&passage.power).into())
                 .collect();
-            let (step, covariance) = self.step(&passages, 1.0)?;
+            let (step, covariance) = self.at_level(&passages)?;
             let settled = promise(&passages, &step) < SETTLED;
             if steps == MOST_STEPS || settled {
                 return Ok(Solved {
@@ -397,13 +400,26 @@ impl Joint {
             for ((_, candidate), passage) in candidates.iter_mut().zip(&passages) {
                 candidate.passing = passage.passing(candidate.passing, &step);
             }
-            let coefficients = DVector::from_row_slice(&self.shared.coefficients);
-            let n = coefficients.len();
-            let spread = covariance.view((COEFFICIENTS, COEFFICIENTS), (n, n)).into_owned();
-            let size = coefficients.dot(&(&self.precision * &coefficients)) + (&self.precision * spread).trace();
-            self.level = size / n as f64;
             steps += 1;
             progress(steps);
+        }
+    }
+
+    /// The step to the minimum of the linear model, and the covariance about it, with the level that the track has by them.
+    fn at_level(&mut self, passages: &[Linear]) -> Result<(DVector<f64>, DMatrix<f64>)> {
+        let n = self.shared.coefficients.len();
+        let coefficients = DVector::from_row_slice(&self.shared.coefficients);
+        let mut turns = 0;
+        loop {
+            let (step, covariance) = self.step(passages, 1.0)?;
+            let there = &coefficients + step.rows(COEFFICIENTS, n);
+            let spread = covariance.view((COEFFICIENTS, COEFFICIENTS), (n, n));
+            let size = there.dot(&(&self.precision * &there)) + (&self.precision * spread).trace();
+            let before = std::mem::replace(&mut self.level, size / n as f64);
+            turns += 1;
+            if (self.level / before).ln().abs() < LEVEL_SETTLED || turns == MOST_TURNS {
+                return Ok((step, covariance));
+            }
         }
     }
 
