@@ -121,11 +121,12 @@ fn passages(special: &Special, seeds: std::ops::Range<u64>) -> Vec<Passage> {
     seeds.into_par_iter().map(|seed| passage(special, seed)).collect()
 }
 
-fn learn(passages: &[Passage], healthy: bool) -> Calibration {
+fn learn(passages: &[Passage], before: Option<[f64; 2]>, healthy: bool) -> Calibration {
     calibrate(
         passages,
         &Options {
             healthy,
+            before,
             drift_m: DRIFT_M,
             seed: 1,
         },
@@ -159,7 +160,7 @@ fn learnt() -> &'static Calibration {
             }
         }
         all.extend([passage(&shorter, 201), passage(&elsewhere, 202), saturated]);
-        learn(&all, true)
+        learn(&all, None, true)
     })
 }
 
@@ -236,7 +237,7 @@ fn equal_speeds_and_a_single_sensor_teach_less_and_say_so() {
     };
     let usual = floor(learnt());
     for (what, special) in [("equal speeds", equal), ("a single sensor", single)] {
-        let calibration = learn(&passages(&special, 400..400 + PASSAGES), true);
+        let calibration = learn(&passages(&special, 400..400 + PASSAGES), None, true);
         println!(
             "{what}: {:.2} points, usually {:.2}",
             100.0 * floor(&calibration),
@@ -253,20 +254,26 @@ fn a_bridge_that_is_not_held_to_be_healthy_is_learnt_with_its_damage() {
         damage: &DAMAGE,
         ..Special::nothing()
     };
-    let calibration = learn(&passages(&damaged, 500..500 + PASSAGES), false);
-    for (e, [loss, deviation]) in calibration.damage.iter().enumerate() {
-        let truth = DAMAGE
-            .iter()
-            .find(|(element, _)| *element == e + 1)
-            .map_or(0.0, |(_, loss)| *loss);
-        println!(
-            "element {}: {:.2} ± {:.2}, true {:.0} points",
-            e + 1,
-            100.0 * loss,
-            100.0 * deviation,
-            100.0 * truth
-        );
-        assert!((loss - truth).abs() < DEVIATIONS * deviation, "element {}", e + 1);
+    let passages = passages(&damaged, 500..500 + PASSAGES);
+    let nothing_known = learn(&passages, None, false);
+    let before = [learnt().learnt.stiffness, learnt().learnt.damping].map(f64::from);
+    let since = learn(&passages, Some(before), false);
+    for (what, calibration, most) in [("alone", &nothing_known, 0.1), ("since", &since, 0.045)] {
+        for (e, [loss, deviation]) in calibration.damage.iter().enumerate() {
+            let truth = DAMAGE
+                .iter()
+                .find(|(element, _)| *element == e + 1)
+                .map_or(0.0, |(_, loss)| *loss);
+            println!(
+                "{what}: element {}: {:.2} ± {:.2}, true {:.0} points",
+                e + 1,
+                100.0 * loss,
+                100.0 * deviation,
+                100.0 * truth
+            );
+            assert!((loss - truth).abs() < DEVIATIONS * deviation, "element {}", e + 1);
+            assert!(*deviation < most, "element {}", e + 1);
+        }
     }
 }
 
@@ -276,6 +283,7 @@ fn too_few_passages_are_no_reference() {
         &passages(&Special::nothing(), 600..603),
         &Options {
             healthy: true,
+            before: None,
             drift_m: DRIFT_M,
             seed: 1,
         },

@@ -58,6 +58,9 @@ use linear::{COEFFICIENTS, Linear, Passing, SHARED_DAMPING, SHARED_STIFFNESS, Sh
 /// its size is known.
 const STIFFNESS_PRIOR: f64 = 0.1;
 const DAMPING_PRIOR: f64 = 0.7;
+/// The same where both were learnt before: what a season may do to them.
+const STIFFNESS_SINCE: f64 = 0.003;
+const DAMPING_SINCE: f64 = 0.1;
 /// That of an element's loss, where the bridge need not be healthy.
 const DAMAGE_PRIOR: f64 = 0.3;
 /// Gauss-Newton steps at most; ...
@@ -131,6 +134,8 @@ pub struct Passage {
 pub struct Options {
     /// The bridge is as healthy as it is taken to be: its elements' losses are held at nothing. Else they are unknowns, too.
     pub healthy: bool,
+    /// Stiffness and damping of the whole bridge, as parts of its model's, if they are known from before.
+    pub before: Option<[f64; 2]>,
     /// What the rails may change afterwards without its being seen, RMS, m.
     pub drift_m: f64,
     /// Seed of the searches.
@@ -332,6 +337,8 @@ struct Joint {
     short: DMatrix<f64>,
     level: f64,
     healthy: bool,
+    /// Stiffness and damping beforehand: logarithm and its standard deviation.
+    bridge: [[f64; 2]; 2],
     shared: Shared,
 }
 
@@ -361,6 +368,10 @@ impl Joint {
             short,
             level: 1.0,
             healthy: options.healthy,
+            bridge: match options.before {
+                Some([stiffness, damping]) => [[stiffness.ln(), STIFFNESS_SINCE], [damping.ln(), DAMPING_SINCE]],
+                None => [[0.0, STIFFNESS_PRIOR], [0.0, DAMPING_PRIOR]],
+            },
             shared: Shared::as_modelled(knots),
         })
     }
@@ -440,8 +451,13 @@ impl Joint {
         for (e, &loss) in self.shared.damage.iter().enumerate() {
             prior(e, DAMAGE_PRIOR, loss);
         }
-        prior(SHARED_STIFFNESS, STIFFNESS_PRIOR, self.shared.stiffness.ln());
-        prior(SHARED_DAMPING, DAMPING_PRIOR, self.shared.damping.ln());
+        let now = [
+            (SHARED_STIFFNESS, self.shared.stiffness),
+            (SHARED_DAMPING, self.shared.damping),
+        ];
+        for ((place, value), [expected, deviation]) in now.into_iter().zip(self.bridge) {
+            prior(place, deviation, value.ln() - expected);
+        }
         let precision = &self.precision / self.level;
         let coefficients = DVector::from_row_slice(&self.shared.coefficients);
         let pull = &precision * coefficients;

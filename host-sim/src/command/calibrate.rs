@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use host_sim::calibrate::known::{HALF_WAVE_M, ShortWaves};
-use host_sim::calibrate::{Calibration, DRIFT_M, Options, Outcome, Passage, calibrate};
+use host_sim::calibrate::{self, Calibration, DRIFT_M, Options, Outcome, Passage, calibrate};
 use host_sim::replay::{self, Prepared};
 use host_sim::station::words::calibration::{self as words, Gain};
 use host_sim::track::{Spectrum, table};
@@ -34,6 +34,10 @@ pub(super) struct Arguments {
     /// The bridge may be damaged: look for that, too. Else it is healthy by definition, and later damage counts from there
     #[arg(long)]
     damaged: bool,
+    /// What was learnt before the rails were changed: the bridge is as stiff as it was then but for damage, which is looked for and counts
+    /// from there
+    #[arg(long, value_name = "OLD.blob")]
+    since: Option<PathBuf>,
     /// What the rails may change before the next calibration without its being seen, RMS of waves below 20 m, mm
     #[arg(long, default_value_t = 1e3 * DRIFT_M)]
     drift_mm: f64,
@@ -52,6 +56,12 @@ pub(super) struct Arguments {
     /// Draw a passage, measured and fitted on the smooth and on the learnt track, into this file, too
     #[arg(long, value_name = "FILE.svg")]
     passage_svg: Option<PathBuf>,
+}
+
+impl Arguments {
+    fn looks_for_damage(&self) -> bool {
+        self.damaged || self.since.is_some()
+    }
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
@@ -101,9 +111,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     {
         bail!("{}: {reason}; nothing is left to learn from", prepared.path.display());
     }
+    let before = match &arguments.since {
+        Some(path) => {
+            let old = calibrate::read(path, &bridge)?;
+            Some([f64::from(old.stiffness), f64::from(old.damping)])
+        }
+        None => None,
+    };
     let options = Options {
         drift_m: 1e-3 * arguments.drift_mm,
-        healthy: !arguments.damaged,
+        healthy: !arguments.looks_for_damage(),
+        before,
         seed: arguments.seed,
     };
     let bar = terminal::progress(0, "learning");
@@ -145,7 +163,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             &told,
             &stretches,
             elements,
-            arguments.damaged,
+            arguments.looks_for_damage(),
             arguments.drift_mm,
         ));
     }
@@ -164,6 +182,7 @@ fn check_names(arguments: &Arguments) -> Result<()> {
         .collect();
     let read = (arguments.recordings.iter().chain(&descriptions).map(PathBuf::as_path))
         .chain(arguments.truth.as_deref())
+        .chain(arguments.since.as_deref())
         .chain(arguments.bridge.as_deref().map(Path::new));
     let read: Vec<PathBuf> = read.filter_map(|path| path.canonicalize().ok()).collect();
     for (i, (flag, path)) in written.iter().enumerate() {
@@ -334,7 +353,7 @@ fn in_words(
             1e3 * known.deviation_m
         );
     }
-    if arguments.damaged {
+    if arguments.looks_for_damage() {
         let _ = writeln!(text, "\nelement  loss of bending stiffness, ± two standard deviations");
         for (e, [loss, deviation]) in found.damage.iter().take(elements).enumerate() {
             let _ = writeln!(text, "{:>7}  {:5.1} % ± {:.1}", e + 1, 100.0 * loss, 200.0 * deviation);

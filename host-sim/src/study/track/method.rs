@@ -124,6 +124,7 @@ impl Method for Logged {
         }
         let options = Options {
             drift_m: DRIFT_M,
+            before: None,
             healthy: true,
             seed: self.seed,
         };
