@@ -6,9 +6,14 @@ use std::convert::Infallible;
 
 use host_sim::evaluate::{Case, Signal, cases};
 use host_sim::identification::{Known, Method, Observed, search};
-use host_sim::model::{self, BridgeFrame};
-use host_sim::simulate::Scenario;
+use host_sim::model::{self, BridgeFrame, Structure, reduce::reduce};
+use host_sim::random::gaussian;
+use host_sim::simulate::{Scenario, simulate_train};
+use host_sim::study::noise::field::{MASS_ERROR, uneven};
+use host_sim::study::track::truth::{ANNOUNCED, NOISE};
+use host_sim::train::{SpatialTrain, TrainName};
 use host_sim::validate::beam::GIRDER50;
+use host_sim::validate::compare::rms;
 use rand_core::{Rng, SeedableRng, TryRng};
 use rand_xoshiro::{Xoshiro128PlusPlus, Xoshiro256PlusPlus};
 use spanwatch::capacity::{ELEMENTS, MODES};
@@ -19,6 +24,7 @@ use spanwatch::identify::{
 };
 use spanwatch::interaction::Direction;
 use spanwatch::passage::samples::Samples;
+use spanwatch::track::learnt::{LearntTrack, UNLEARNT};
 use spanwatch::wire::message::{Ranges, TrainKind};
 
 fn girder50() -> BridgeFrame {
@@ -296,6 +302,72 @@ fn what_no_damage_explains_is_not_called_explained() {
         1,
     );
     assert!(!found.explained() && found.certain() == 0, "{found:?}");
+}
+
+/// Cars in space, each with masses of its own, over a known track: what the loads would hide is found all the same, and they are, too.
+#[test]
+fn each_car_is_weighed_where_the_track_is_known() {
+    /// A car is weighed to so much of its load.
+    const WEIGHED: f32 = 0.01;
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
+    let scenario = Scenario {
+        train: TrainName::Known(TrainKind::Shinkansen3d),
+        cars: Some(8),
+        speed_kmh: 230.0,
+        nodes: vec![3, 6, 9],
+        damage: vec![0.0, 0.0, 0.0, 0.0, 0.1],
+        ..Scenario::inspection_car()
+    }
+    .recorded();
+    let model = scenario.train.train(scenario.cars).expect("a train");
+    let train = uneven(&model, MASS_ERROR, &mut rng);
+    let load = |train: &SpatialTrain, car: usize| train.kinds[train.cars[car].kind].contacts[0].load_n;
+    let structure = Structure::new(girder50()).expect("stands");
+    let clean = simulate_train(&structure, &scenario, &train, &mut |_, _| ())
+        .expect("simulates")
+        .channels;
+    let sigma: Vec<f64> = clean.iter().map(|channel| NOISE * rms(channel)).collect();
+    let samples = (0..clean[0].len()).flat_map(|i| {
+        clean
+            .iter()
+            .zip(&sigma)
+            .map(move |(channel, sigma)| (channel[i], sigma))
+    });
+    let samples: Vec<f32> = samples
+        .map(|(value, sigma)| (value + sigma * gaussian(&mut rng)) as f32)
+        .collect();
+
+    let mut observed =
+        Observed::of(reduce(&girder50()).expect("reduces").cast(), &scenario, samples).expect("observed");
+    observed.observation.ranges = ANNOUNCED;
+    let unknown = observed.identify(1).expect("identifies");
+    let known = observed
+        .with_track(&LearntTrack {
+            passages: 60,
+            ..UNLEARNT.clone()
+        })
+        .identify(1)
+        .expect("identifies");
+    println!(
+        "unexplained {} with equal cars, {} weighed; losses {:?}",
+        unknown.unexplained, known.unexplained, known.estimate.damage
+    );
+    for car in 0..8 {
+        let truth = (load(&train, car) / load(&model, car)) as f32;
+        let total = known.run.load_factor * known.cars[car];
+        println!("car {}: {truth:.4}, weighed {total:.4}", car + 1);
+        assert!((total - truth).abs() < WEIGHED, "car {}", car + 1);
+    }
+    let noise = (NOISE * NOISE) as f32;
+    assert!(unknown.unexplained > 1.3 * noise && known.unexplained < 1.1 * noise);
+    for (e, &loss) in known.estimate.damage.iter().enumerate() {
+        let truth = if e == 4 { 0.1 } else { 0.0 };
+        assert!(
+            (loss - truth).abs() < OFF * known.estimate.std[e],
+            "element {}: {loss}",
+            e + 1
+        );
+    }
 }
 
 #[test]

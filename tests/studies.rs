@@ -6,9 +6,10 @@ use std::process::Command;
 
 use host_sim::model::frame::constraint::combine;
 use host_sim::model::influence::{InfluenceLine, wheels};
-use host_sim::prediction::{low_passed, rdso45m, rms, viaduct24};
+use host_sim::prediction::{low_passed, rdso45m, viaduct24};
 use host_sim::study::accuracy::{self, CASES, SCHEMES, STEPS};
 use host_sim::study::{node_maxima, precision};
+use host_sim::validate::compare::rms;
 use host_sim::{model, model::Structure};
 use nalgebra::{DMatrix, DVector};
 use spanwatch::interaction::simulation::LONGEST_STEP_S;

@@ -21,11 +21,6 @@ pub fn largest(signal: &[f64]) -> f64 {
     signal.iter().fold(0.0, |most, value| most.max(value.abs()))
 }
 
-/// Root mean square.
-pub fn rms(signal: &[f64]) -> f64 {
-    (signal.iter().map(|value| value * value).sum::<f64>() / signal.len() as f64).sqrt()
-}
-
 /// Every `every`-th value, from the first on.
 fn thinned(signal: &[f64], every: usize) -> impl Iterator<Item = f64> {
     signal.iter().step_by(every).copied()

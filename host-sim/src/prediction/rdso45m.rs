@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use anyhow::{Context, Result};
 use spanwatch::interaction::{Run, Scheme};
 
-use super::{LEAST_PART, largest, low_passed, rms, thinned};
+use super::{LEAST_PART, largest, low_passed, thinned};
 use crate::crossing::Crossing;
 use crate::model::eigen::{Wanted, frequency_hz, natural_modes};
 use crate::model::influence::InfluenceLine;
@@ -17,6 +17,7 @@ use crate::model::structure::SensorRow;
 use crate::model::{Structure, participation, shipped};
 use crate::picture::chart::{Axis, Curve, Look, Plot};
 use crate::train::{SpatialTrain, TrainName};
+use crate::validate::compare::rms;
 
 /// Speeds, km/h.
 pub const SPEEDS_KMH: [f64; 2] = [40.0, 70.0];

@@ -12,7 +12,7 @@ use spanwatch::interaction::{Run, Scheme};
 use spanwatch::train::Train;
 use spanwatch::train::stock::{self, PITCH_M};
 
-use super::{LEAST_PART, largest, low_passed, rms, thinned};
+use super::{LEAST_PART, largest, low_passed, thinned};
 use crate::crossing::Crossing;
 use crate::model::eigen::Wanted;
 use crate::model::modal::ModalModel;
@@ -20,6 +20,7 @@ use crate::model::{Structure, shipped};
 use crate::picture::chart::{Axis, Curve, Look, Plot};
 use crate::track::{Profile, Spectrum, Stretch, generate};
 use crate::train::SpatialTrain;
+use crate::validate::compare::rms;
 
 /// The train.
 pub const CARS: usize = 16;

@@ -25,6 +25,7 @@ use crate::model::{BridgeFrame, Structure};
 use crate::random::{gaussian, unit};
 use crate::recording::{Channel, DEFAULT_LSB_MPS2, Unit};
 use crate::simulate::{Scenario, simulate_train};
+use crate::validate::compare::rms;
 
 /// Modes of the truth.
 pub const MODES: usize = 12;
@@ -145,11 +146,6 @@ impl Setting {
     pub fn sigma(&self, clean: &[Vec<f64>]) -> Vec<f64> {
         clean.iter().map(|values| self.noise * rms(values)).collect()
     }
-}
-
-/// Root mean square.
-pub fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }
 
 /// What a converter makes of accelerations without noise, m/s², a list a sensor: counts of those with white noise.

@@ -30,9 +30,10 @@ use crate::random::{gaussian, unit};
 use crate::recording::{DEFAULT_FULL_SCALE_COUNTS, DEFAULT_LSB_MPS2};
 use crate::simulate::{Scenario, simulate_train};
 use crate::study::noise::field::{MASS_ERROR, uneven};
-use crate::study::noise::truth::{MODES, STEP_S, acceleration_mps2, count, rms};
+use crate::study::noise::truth::{MODES, STEP_S, acceleration_mps2, count};
 use crate::track::{Profile, Rails, Spectrum, Stretch, generate};
 use crate::train::TrainName;
+use crate::validate::compare::rms;
 
 /// Nodes with a sensor; what fewer sensors see is a part of the same passage.
 pub const SENSORS: [u16; CHANNELS] = [3, 6, 9];
