@@ -15,10 +15,12 @@
 //! matrices that are computed once; what is left each step is one dense, symmetric `m x m` system for the bridge.
 //!
 //! [`run`] says how a train runs, [`scheme`] how time is stepped, [`contact`] what a bridge is, [`car`] steps a car, [`solver`] all
-//! of it; [`simulation`] is what a recorder would show, [`sensitivity`] how that changes with damage, speed, entry and load.
+//! of it; [`simulation`] is what a recorder would show, [`sensitivity`] how that changes with damage, speed, entry and loads,
+//! [`response`] how with the track.
 
 pub mod car;
 pub mod contact;
+pub mod response;
 pub mod run;
 pub mod scheme;
 pub mod sensitivity;
@@ -26,6 +28,7 @@ pub mod simulation;
 pub mod solver;
 
 pub use contact::Modes;
+pub use response::Response;
 pub use run::{Direction, Kinematics, Run, SetupError};
 pub use scheme::Scheme;
 pub use sensitivity::Sensitivities;

@@ -28,7 +28,8 @@
 
 use super::car::{CarState, Lead};
 use super::contact::{Modes as _, hermite};
-use super::run::{Direction, Run, SetupError, TrainPosition};
+use super::response::Response;
+use super::run::{Run, SetupError, TrainPosition};
 use super::scheme::corner_slope;
 use super::simulation::{Hypothesis, Observation, Simulation};
 use super::solver::{Approach, Coupling, PlanarInteraction, TrainSteps, substitute};
@@ -66,14 +67,14 @@ pub fn wanted(free: &[bool; UNKNOWNS], cars: usize) -> Wanted {
     core::array::from_fn(|i| free.get(i).copied().unwrap_or(i - CAR_LOADS < cars))
 }
 
-type Cars<T> = TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>;
-type Coupled<T, const M: usize> = Coupling<T, M, CONTACTS, CARS_ON_BRIDGE>;
+pub(super) type Cars<T> = TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>;
+pub(super) type Coupled<T, const M: usize> = Coupling<T, M, CONTACTS, CARS_ON_BRIDGE>;
 /// A value for each contact of each car aboard.
-type AtContacts<V> = [[V; CONTACTS]; CARS_ON_BRIDGE];
+pub(super) type AtContacts<V> = [[V; CONTACTS]; CARS_ON_BRIDGE];
 
 /// Derivative of the interaction's state by one unknown.
 #[derive(Debug, Clone, Copy)]
-struct Tangent<T: Real, const M: usize> {
+pub(super) struct Tangent<T: Real, const M: usize> {
     position: [T; M],
     velocity: [T; M],
     acceleration: [T; M],
@@ -82,20 +83,20 @@ struct Tangent<T: Real, const M: usize> {
 }
 
 /// What drives a tangent, besides itself.
-struct Source<'a, T: Real, const M: usize> {
+pub(super) struct Source<'a, T: Real, const M: usize> {
     /// A force on the modes.
-    modal: [T; M],
+    pub(super) modal: [T; M],
     /// How the shapes under the contacts change with their way, and how far they move.
-    turn: Option<(&'a Turn<T>, T)>,
+    pub(super) turn: Option<(&'a Turn<T>, T)>,
     /// By what part the train's own load factor is larger, of this car alone; of all, if of none.
-    load: Option<Option<usize>>,
+    pub(super) load: Option<Option<usize>>,
     /// Change of what the irregularity does to the contacts.
-    rail: Option<&'a AtContacts<Lead<T>>>,
+    pub(super) rail: Option<&'a AtContacts<Lead<T>>>,
     /// Change of the state in which a car comes from its approach, by its number.
-    entering: &'a dyn Fn(usize) -> Entering<T>,
+    pub(super) entering: &'a dyn Fn(usize) -> Entering<T>,
 }
 
-type Entering<T> = CarState<T, CAR_DOFS>;
+pub(super) type Entering<T> = CarState<T, CAR_DOFS>;
 
 /// On a smooth track, whatever changes, a car comes at rest.
 fn at_rest<T: Real>(_: usize) -> Entering<T> {
@@ -104,7 +105,7 @@ fn at_rest<T: Real>(_: usize) -> Entering<T> {
 
 impl<T: Real, const M: usize> Source<'_, T, M> {
     /// A force on the modes, and nothing else.
-    fn modal(modal: [T; M]) -> Self {
+    pub(super) fn modal(modal: [T; M]) -> Self {
         Self {
             modal,
             turn: None,
@@ -116,7 +117,7 @@ impl<T: Real, const M: usize> Source<'_, T, M> {
 }
 
 /// What changed shapes under the contacts make of the bridge's predicted position, velocity and of its acceleration there, per metre.
-struct Turn<T> {
+pub(super) struct Turn<T> {
     felt: AtContacts<T>,
     felt_rate: AtContacts<T>,
     acceleration: AtContacts<T>,
@@ -150,7 +151,7 @@ pub struct Sensitivities<T: Real, const M: usize> {
 }
 
 impl<T: Real, const M: usize> Tangent<T, M> {
-    const AT_REST: Self = Self {
+    pub(super) const AT_REST: Self = Self {
         position: [T::ZERO; M],
         velocity: [T::ZERO; M],
         acceleration: [T::ZERO; M],
@@ -159,7 +160,7 @@ impl<T: Real, const M: usize> Tangent<T, M> {
     };
 
     /// What the recorder keeps of channel `c`, `more` added to what its sensor feels of the modes.
-    fn recorded(
+    pub(super) fn recorded(
         &mut self,
         base: &PlanarInteraction<T, M>,
         observed: &Observation<T>,
@@ -176,7 +177,7 @@ impl<T: Real, const M: usize> Tangent<T, M> {
     }
 
     /// Follows a step that `base` has made.
-    fn step(
+    pub(super) fn step(
         &mut self,
         base: &PlanarInteraction<T, M>,
         cars: &Cars<T>,
@@ -264,74 +265,6 @@ impl<T: Real, const M: usize> Tangent<T, M> {
     }
 }
 
-/// How the recorded motion answers to a change of the track by a B-spline; it is proportional to it. For the PC, where hundreds of them
-/// are followed at once ([`Sensitivities::sample_with`]).
-#[derive(Debug, Clone)]
-pub struct Response<T: Real, const M: usize> {
-    bspline: Profile<T>,
-    support: [T; 2],
-    tangent: Tangent<T, M>,
-    approach: Option<Approach<T, CAR_DOFS>>,
-    /// The latest sample of each channel, m/s² (m) per metre of the B-spline's height.
-    pub sample: [T; CHANNELS],
-}
-
-impl<T: Real, const M: usize> Response<T, M> {
-    /// The response to a B-spline, 1 m high, that begins and ends at `support`, m; at rest.
-    pub fn to(bspline: Profile<T>, support: [T; 2]) -> Self {
-        Self {
-            bspline,
-            support,
-            tangent: Tangent::AT_REST,
-            approach: None,
-            sample: [T::ZERO; CHANNELS],
-        }
-    }
-
-    /// Follows a step that `base` has made.
-    fn step(&mut self, base: &PlanarInteraction<T, M>, observed: &Observation<T>, coupling: &Coupled<T, M>) {
-        let (cars, bspline, support) = (&observed.cars, &self.bspline, self.support);
-        let speed = coupling.now.speed_mps;
-        let rail = base.rail(cars, coupling, |contact, way| {
-            let x = base.along(way);
-            if support[0] < x && x < support[1] {
-                base.irregularity(bspline, contact.motion, way, speed)
-            } else {
-                Lead::still()
-            }
-        });
-        let ahead = base.along(T::ZERO);
-        let behind = match base.run.direction {
-            Direction::Forward => support[0] < ahead,
-            Direction::Backward => support[1] > ahead,
-        };
-        if behind && coupling.aboard.end > coupling.entered {
-            let last = self.approach.take();
-            self.approach = base.approach_of(coupling.entered, cars, bspline, last, |contact, way, speed| {
-                base.irregularity(bspline, contact.motion, way, speed)
-            });
-        }
-        let approach = self.approach.as_ref();
-        let source = Source {
-            rail: Some(&rail),
-            entering: &|index| {
-                let approached = || {
-                    let (_, (place, _, _)) = cars.from(index).next()?;
-                    let since_s = base.since_begin_s(place, bspline)?;
-                    let (approach, later_s) = base.shared(approach, place, since_s)?;
-                    Some(approach.state(later_s))
-                };
-                approached().unwrap_or(CarState::AT_REST)
-            },
-            ..Source::modal([T::ZERO; M])
-        };
-        self.tangent.step(base, cars, coupling, &source);
-        for (c, (sensor, sample)) in observed.recorder.sensors.iter().zip(&mut self.sample).enumerate() {
-            *sample = self.tangent.recorded(base, observed, c, sensor.quantity, T::ZERO);
-        }
-    }
-}
-
 /// Change of a contact's way, m, and of its speed, m/s, per unit of the unknown speed or entry time.
 fn moves<T: Real>(unknown: usize, run: &Run<T>, now: &TrainPosition<T>, since_entry_s: T) -> (T, T) {
     if unknown == ENTRY {
@@ -409,7 +342,7 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
     }
 
     /// What `lead` says of each contact of the cars aboard and of its way, m from the end that the train enters by.
-    fn rail(
+    pub(super) fn rail(
         &self,
         cars: &Cars<T>,
         coupling: &Coupled<T, M>,
@@ -444,7 +377,7 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
 
     /// The approach of car `index`, which has reached the bridge in this step, over rails that lead as `lead` says from the
     /// beginning of `track` on; `last`, if that is it.
-    fn approach_of(
+    pub(super) fn approach_of(
         &self,
         index: usize,
         cars: &Cars<T>,

@@ -1,0 +1,209 @@
+//! What all passages say together: Gauss-Newton for the profile and the bridge, with the prior's own level.
+//!
+//! ```text
+//! minimise  sum_p |r_p|^2_W + sum_p own_p^T P own_p + c^T C^-1 c / level + priors        over shared and own unknowns (linear.rs)
+//! level <- (c^T C^-1 c + tr(C^-1 Cov(c))) / n                                            the prior's own level, by expectation
+//! ```
+//!
+//! `C` is the covariance that a standard spectrum gives the profile's coefficients; how rough this track is beside that is
+//! estimated along with it. A Gauss-Newton step is one linearisation of each passage and one solution for what they share.
+
+use anyhow::{Result, bail};
+use nalgebra::{DMatrix, DVector};
+use spanwatch::capacity::ELEMENTS;
+use spanwatch::track::profile::Knots;
+
+use super::linear::{COEFFICIENTS, Linear, Passing, SHARED_DAMPING, SHARED_STIFFNESS, Shared};
+use super::reference::short_waves;
+use super::{Options, Passage};
+use crate::batch::each;
+use crate::track::Spectrum;
+use crate::track::prior::precision;
+
+/// Standard deviations, beforehand, of the logarithms of stiffness and damping: a model may be off by a tenth, and of the damping only
+/// its size is known.
+const STIFFNESS_PRIOR: f64 = 0.1;
+const DAMPING_PRIOR: f64 = 0.7;
+/// The same where both were learnt before: what a season may do to them.
+const STIFFNESS_SINCE: f64 = 0.003;
+const DAMPING_SINCE: f64 = 0.1;
+/// That of an element's loss, where the bridge need not be healthy.
+pub(super) const DAMAGE_PRIOR: f64 = 0.3;
+/// Gauss-Newton steps at most; ...
+pub(super) const MOST_STEPS: usize = 12;
+/// ... they end before a step that would take less than this part of what is left.
+const SETTLED: f64 = 1e-3;
+/// The level is sought until it moves by less than this part of it, ...
+const LEVEL_SETTLED: f64 = 0.01;
+/// ... in so many turns at most.
+const MOST_TURNS: usize = 100;
+
+/// What is known of a passage while it is learnt from.
+pub(super) struct Candidate<'a> {
+    pub(super) passage: &'a Passage,
+    pub(super) passing: Passing,
+    pub(super) smooth: f32,
+}
+
+/// The joint solution.
+pub(super) struct Joint {
+    pub(super) knots: Knots<f32>,
+    /// Inverse of the prior covariance of the coefficients at level 1.
+    pub(super) precision: DMatrix<f64>,
+    /// The same of waves below [`SHORT_M`], 1 m RMS on the bridge.
+    pub(super) short: DMatrix<f64>,
+    pub(super) level: f64,
+    pub(super) healthy: bool,
+    /// Stiffness and damping beforehand: logarithm and its standard deviation.
+    pub(super) bridge: [[f64; 2]; 2],
+    pub(super) shared: Shared,
+}
+
+/// What a solution leaves.
+pub(super) struct Solved {
+    pub(super) covariance: DMatrix<f64>,
+    pub(super) passages: Vec<Linear>,
+    pub(super) unexplained: Vec<f64>,
+    pub(super) steps: usize,
+}
+
+impl Joint {
+    pub(super) fn new(knots: &Knots<f64>, options: &Options) -> Result<Self> {
+        let short = short_waves(knots);
+        let Some(rounded) = knots.cast() else {
+            bail!("the profile's knots do not join");
+        };
+        Ok(Self {
+            knots: rounded,
+            precision: precision(Spectrum::Fra6, knots)?,
+            short,
+            level: 1.0,
+            healthy: options.healthy,
+            bridge: match options.before {
+                Some([stiffness, damping]) => [[stiffness.ln(), STIFFNESS_SINCE], [damping.ln(), DAMPING_SINCE]],
+                None => [[0.0, STIFFNESS_PRIOR], [0.0, DAMPING_PRIOR]],
+            },
+            shared: Shared::as_modelled(knots),
+        })
+    }
+
+    /// Steps until what is left no longer changes.
+    pub(super) fn solve(
+        &mut self,
+        candidates: &mut [(usize, Candidate<'_>)],
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Result<Solved> {
+        let mut steps = 0;
+        loop {
+            let passages = (each(&*candidates, |(_, candidate)| {
+                Linear::of(
+                    &candidate.passage.observed,
+                    &candidate.passing,
+                    &self.shared,
+                    &self.knots,
+                )
+            })
+            .into_iter())
+            .collect::<Result<Vec<_>>>()?;
+            let unexplained: Vec<f64> = (passages.iter())
+                .map(|passage| passage.residuals.unexplained(&passage.power).into())
+                .collect();
+            let (step, covariance) = self.at_level(&passages)?;
+            let settled = promise(&passages, &step) < SETTLED;
+            if steps == MOST_STEPS || settled {
+                return Ok(Solved {
+                    covariance,
+                    passages,
+                    unexplained,
+                    steps,
+                });
+            }
+            self.shared.step(&step);
+            for ((_, candidate), passage) in candidates.iter_mut().zip(&passages) {
+                candidate.passing = passage.passing(candidate.passing, &step);
+            }
+            steps += 1;
+            progress(steps);
+        }
+    }
+
+    /// The step to the minimum of the linear model, and the covariance about it, with the level that the track has by them.
+    fn at_level(&mut self, passages: &[Linear]) -> Result<(DVector<f64>, DMatrix<f64>)> {
+        let n = self.shared.coefficients.len();
+        let coefficients = DVector::from_row_slice(&self.shared.coefficients);
+        let mut turns = 0;
+        loop {
+            let (step, covariance) = self.step(passages, 1.0)?;
+            let there = &coefficients + step.rows(COEFFICIENTS, n);
+            let spread = covariance.view((COEFFICIENTS, COEFFICIENTS), (n, n));
+            let size = there.dot(&(&self.precision * &there)) + (&self.precision * spread).trace();
+            let before = std::mem::replace(&mut self.level, size / n as f64);
+            turns += 1;
+            if (self.level / before).ln().abs() < LEVEL_SETTLED || turns == MOST_TURNS {
+                return Ok((step, covariance));
+            }
+        }
+    }
+
+    /// The step to the minimum of the linear model, and the covariance about it, if each passage counts so many `times`.
+    pub(super) fn step(&self, passages: &[Linear], times: f64) -> Result<(DVector<f64>, DMatrix<f64>)> {
+        let n = COEFFICIENTS + self.shared.coefficients.len();
+        let (mut information, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        for passage in passages {
+            information += &passage.own.information;
+            gradient += &passage.own.gradient;
+        }
+        information *= times;
+        gradient *= times;
+        let mut prior = |place: usize, deviation: f64, value: f64| {
+            information[(place, place)] += deviation.powi(-2);
+            gradient[place] -= value * deviation.powi(-2);
+        };
+        for (e, &loss) in self.shared.damage.iter().enumerate() {
+            prior(e, DAMAGE_PRIOR, loss);
+        }
+        let now = [
+            (SHARED_STIFFNESS, self.shared.stiffness),
+            (SHARED_DAMPING, self.shared.damping),
+        ];
+        for ((place, value), [expected, deviation]) in now.into_iter().zip(self.bridge) {
+            prior(place, deviation, value.ln() - expected);
+        }
+        let precision = &self.precision / self.level;
+        let coefficients = DVector::from_row_slice(&self.shared.coefficients);
+        let pull = &precision * coefficients;
+        let mut block = information.view_mut((COEFFICIENTS, COEFFICIENTS), (n - COEFFICIENTS, n - COEFFICIENTS));
+        block += precision;
+        let mut tail = gradient.rows_mut(COEFFICIENTS, n - COEFFICIENTS);
+        tail -= pull;
+        if self.healthy {
+            for e in 0..ELEMENTS {
+                information.row_mut(e).fill(0.0);
+                information.column_mut(e).fill(0.0);
+                information[(e, e)] = 1.0;
+                gradient[e] = 0.0;
+            }
+        }
+        let Some(factor) = information.cholesky() else {
+            bail!("the passages contradict themselves; check trains, speeds and sensors");
+        };
+        let step = factor.solve(&gradient);
+        let mut covariance = factor.inverse();
+        if self.healthy {
+            for e in 0..ELEMENTS {
+                covariance[(e, e)] = 0.0;
+            }
+        }
+        Ok((step, covariance))
+    }
+}
+
+/// Part of what is left of the passages that a step takes, by the linear model.
+fn promise(passages: &[Linear], step: &DVector<f64>) -> f64 {
+    let (mut gain, mut values) = (0.0, 0.0);
+    for passage in passages {
+        gain += 2.0 * passage.own.gradient.dot(step) - step.dot(&(&passage.own.information * step));
+        values += f64::from(passage.power.values());
+    }
+    gain / values
+}
