@@ -500,7 +500,7 @@ impl Hybrid {
                 self.stage = Stage::Search;
             }
             Stage::Descend => {
-                let cars = weighable(problem);
+                let cars = problem.weighable();
                 let explained = descent.residuals().unexplained(&self.power) <= UNEXPLAINED;
                 if cars > 0 && explained && !descent.weighs() && !self.spent() {
                     let weights = descent.residuals().weights(&self.power);
@@ -566,7 +566,7 @@ impl Hybrid {
             ..at
         };
         let descent = Refinement::new(&start, limits, self.power, weights);
-        self.descent = Some(descent.weighing(weighable(problem)));
+        self.descent = Some(descent.weighing(problem.weighable()));
         self.stage = Stage::Doubt;
     }
 
@@ -649,7 +649,7 @@ impl Hybrid {
             // It is the better explanation: what was found was not the bottom.
             self.turned = true;
             let again = Refinement::new(other, limits, self.power, descent.weights());
-            self.descent = Some(again.weighing(weighable(problem)));
+            self.descent = Some(again.weighing(problem.weighable()));
             self.answer = None;
             self.stage = Stage::Descend;
             return;
@@ -682,15 +682,6 @@ impl Hybrid {
 fn solve(problem: &Problem<'_>) -> u64 {
     let samples = problem.recorded().len() as u64;
     (10 * samples * u64::from(problem.observation.recorder.steps_per_sample)).max(1)
-}
-
-/// How many cars' loads are to be sought. Where the track is not known, what it makes of the cars' motion hides them; of a single car
-/// the load is that of the train.
-fn weighable(problem: &Problem<'_>) -> usize {
-    match problem.observation.cars.train().cars.len() {
-        cars if cars > 1 && problem.track.is_learnt() => cars,
-        _ => 0,
-    }
 }
 
 /// What the free vibration says of the point that the descent has asked for.

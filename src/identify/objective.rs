@@ -188,6 +188,15 @@ impl<'a> Problem<'a> {
         self.observation.recorder.sensors.len().max(1)
     }
 
+    /// How many cars' loads are to be sought. Where the track is not known, what it makes of the cars' motion hides them; of a single car
+    /// the load is that of the train.
+    pub fn weighable(&self) -> usize {
+        match self.observation.cars.train().cars.len() {
+            cars if cars > 1 && self.track.is_learnt() => cars,
+            _ => 0,
+        }
+    }
+
     /// What was recorded.
     pub fn power(&self) -> Squares {
         let mut power = Squares::NONE;

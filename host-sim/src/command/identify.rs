@@ -151,6 +151,7 @@ fn ran(found: &Found, prepared: &Prepared, observed: &Observed) -> Ran {
     };
     let part_of = |whole: f32, which: usize| std.map(|std| f64::from(whole) * std[which]);
     let expected = &observation.run;
+    let weighed = hypothesis.cars.iter().take(observed.problem().weighable());
     Ran {
         speed_kmh: known(
             recording.speed_kmh,
@@ -176,6 +177,7 @@ fn ran(found: &Found, prepared: &Prepared, observed: &Observed) -> Ran {
             hypothesis.stiffness.into(),
             part_of(1.0, 0),
         ),
+        cars: weighed.map(|car| run.load_factor * car).collect(),
     }
 }
 
@@ -223,6 +225,7 @@ fn as_json(found: &Found, tail: Option<&identification::Tail>, elements: usize, 
         "load_std": std(&ran.load),
         "stiffness_factor": ran.stiffness.value,
         "stiffness_std": std(&ran.stiffness),
+        "car_loads": &ran.cars,
         "estimated": estimated,
         "objective": found.objective,
         "unexplained": sure.map(|found| found.unexplained),

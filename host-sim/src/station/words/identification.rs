@@ -54,7 +54,7 @@ pub enum How {
 }
 
 /// How the train ran, in the recording's units and time.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Ran {
     /// Speed as it enters, km/h.
     pub speed_kmh: Number,
@@ -64,6 +64,8 @@ pub struct Ran {
     pub load: Number,
     /// Stiffness of the whole bridge, as a part of its model's.
     pub stiffness: Number,
+    /// Load of each car, front first, as a part of what its kind says; none where they were not weighed.
+    pub cars: Vec<f32>,
 }
 
 /// The verdict on a bridge of so many elements, sentence after sentence in one line.
@@ -354,7 +356,16 @@ pub fn ran(ran: &Ran) -> String {
             known(&ran.stiffness, 3, " of its model's stiffness")
         );
     }
-    text + ".\n"
+    text += ".\n";
+    if !ran.cars.is_empty() {
+        let cars: Vec<String> = ran.cars.iter().map(|load| format!("{load:.3}")).collect();
+        let _ = writeln!(
+            text,
+            "Cars weighed, front first, by their kind's load: {}.",
+            cars.join(" ")
+        );
+    }
+    text
 }
 
 /// A value with its range, to as many decimals as the range has meaning.
@@ -643,11 +654,12 @@ mod tests {
             entry_s: number(1.0, How::Given),
             load: number(1.04, How::Guessed),
             stiffness: estimated(0.951, f64::INFINITY),
+            cars: vec![0.976, 1.0402],
         });
         assert_eq!(
             text,
             "Train: speed 60.021 ± 0.020 km/h (estimated), first axle enters at 1.000 s (given), load 1.040 (guessed); whole bridge \
-             0.951 of its model's stiffness (estimated, how surely is not known).\n"
+             0.951 of its model's stiffness (estimated, how surely is not known).\nCars weighed, front first, by their kind's load: 0.976 1.040.\n"
         );
     }
 
