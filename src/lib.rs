@@ -25,6 +25,7 @@ pub mod interaction;
 pub mod link;
 pub mod logger;
 pub mod math;
+pub mod outbox;
 pub mod passage;
 pub mod recorder;
 pub mod slot;
