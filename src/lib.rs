@@ -28,6 +28,7 @@ pub mod math;
 pub mod outbox;
 pub mod passage;
 pub mod recorder;
+pub mod session;
 pub mod slot;
 pub mod track;
 pub mod train;

@@ -356,7 +356,7 @@ fn each_reason_has_its_own_count() {
     };
     let version = spanwatch::wire::message::VERSION;
     assert_eq!(feed(&[version + 1, 3, 1, 1, 1, 1, 0, 0]).version, 1);
-    assert_eq!(feed(&[version, 9, 1, 1, 1, 1, 0, 0]).kind, 1);
+    assert_eq!(feed(&[version, 99, 1, 1, 1, 1, 0, 0]).kind, 1);
     assert_eq!(feed(&[version, 3, 1, 1, 1, 1, 9, 0]).length, 1);
     assert_eq!(feed(&[version, 3, 1, 1, 1, 1, 1, 0, 200]).payload, 1);
     assert_eq!(feed(&[1, 2, 3]).too_short, 1);

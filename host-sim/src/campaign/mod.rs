@@ -3,6 +3,11 @@
 //! | campaign | what goes wrong | what must not |
 //! |---|---|---|
 //! | [`power`] | power, at every byte that the outbox writes or erases, also while it recovers | a message lost, given twice or changed, a number used again |
+//! | [`link`] | the line, at every frame, and restarts of both ends | an alert lost, stored twice or wrong |
+//! | [`attack`] | someone replays, splices, forges, floods | anything accepted, or answered at length |
 
+pub mod attack;
+pub mod line;
+pub mod link;
 pub mod power;
 pub mod sequential;

@@ -266,7 +266,7 @@ impl Station {
                     }
                 }),
                 Kind::Event => frame.message().map(|event| self.events.push_back(event)),
-                Kind::Request => {
+                _ => {
                     self.decoder.refuse(Refusal::Kind);
                     continue;
                 }
