@@ -112,6 +112,7 @@ fn answers() -> Vec<Answer> {
             rejected: u32::MAX,
             quality,
             busy: true,
+            waiting: u32::MAX,
             track: Default::default(),
             effort: Effort {
                 stream_ticks: u64::MAX,

@@ -96,7 +96,7 @@ impl Pair {
         let mut said = vec![];
         while let Ok(Some(frame)) = self
             .logger
-            .poll(self.now_ms, 0, &mut Nothing, Vitals::default, &mut out)
+            .poll(self.now_ms, 0, &mut Nothing, |_| Vitals::default(), &mut out)
         {
             said.push(frame.to_vec());
         }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::packet::{BRING_UP_BYTES, Device, Heartbeat, Hello, NONCE_BYTES, Receipt, Time, Vitals, Welcome};
 use super::seal::{Channel, End, Key, Refused};
-use super::{BackOff, FIRST_HELLO_MS, FIRST_RESEND_MS, HEARTBEAT_MS, KNOCK_MS, LOST_HEARTBEATS, WINDOW};
+use super::{BackOff, HEARTBEAT_MS, KNOCK_MS, LOST_HEARTBEATS, WINDOW};
 use crate::capacity::PAYLOAD_BYTES;
 use crate::outbox::{Outbox, OutboxError};
 use crate::wire::frame::{FrameBuffer, TooLong};
@@ -117,12 +117,12 @@ impl LoggerEnd {
             sessions: 0,
             channel: None,
             hello: None,
-            next_hello: BackOff::due(FIRST_HELLO_MS),
+            next_hello: BackOff::HELLO,
             last_hello_ms: None,
             heard_ms: 0,
             next_heartbeat_ms: 0,
             flying: heapless::Vec::new(),
-            resend: BackOff::due(FIRST_RESEND_MS),
+            resend: BackOff::RESEND,
             round_trip_ms: u64::MAX,
             clock_offset_ms: None,
             refusals: Refusals {
@@ -179,7 +179,7 @@ impl LoggerEnd {
             .is_none_or(|last| now_ms >= last.saturating_add(KNOCK_MS));
         // A hello is no longer than this.
         if rested && frame.payload().len() >= BRING_UP_BYTES {
-            self.next_hello = BackOff::due(FIRST_HELLO_MS);
+            self.next_hello = BackOff::HELLO;
             self.last_hello_ms = None;
         }
     }
@@ -198,7 +198,7 @@ impl LoggerEnd {
         self.heard(now_ms);
         self.next_heartbeat_ms = now_ms;
         self.flying.clear();
-        self.resend = BackOff::due(FIRST_RESEND_MS);
+        self.resend = BackOff::RESEND;
         if parcels.stream() == 0 {
             parcels.name_stream(welcome.stream)?;
         }
@@ -285,18 +285,18 @@ impl LoggerEnd {
     ///
     /// # Errors
     /// Those of the outbox.
-    pub fn poll<'b>(
+    pub fn poll<'b, P: Parcels>(
         &mut self,
         now_ms: u64,
         entropy: u64,
-        parcels: &mut impl Parcels,
-        vitals: impl FnOnce() -> Vitals,
+        parcels: &mut P,
+        vitals: impl FnOnce(&mut P) -> Vitals,
         out: &'b mut FrameBuffer,
     ) -> Result<Option<&'b [u8]>, OutboxError> {
         let deaf_ms = now_ms.saturating_sub(self.heard_ms);
         if self.channel.is_some() && deaf_ms > LOST_HEARTBEATS * HEARTBEAT_MS {
             self.channel = None;
-            self.next_hello = BackOff::due(FIRST_HELLO_MS);
+            self.next_hello = BackOff::HELLO;
         }
         if self.channel.is_some() && now_ms >= self.next_heartbeat_ms {
             self.next_heartbeat_ms = now_ms.saturating_add(HEARTBEAT_MS);
@@ -304,7 +304,7 @@ impl LoggerEnd {
                 uptime_ms: now_ms,
                 starts: self.starts,
                 acknowledged: parcels.acknowledged(),
-                vitals: vitals(),
+                vitals: vitals(parcels),
             };
             return Ok(self.seal(Kind::Heartbeat, self.starts, &heartbeat, out).ok());
         }

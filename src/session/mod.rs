@@ -45,8 +45,10 @@ const LOST_HEARTBEATS: u64 = 3;
 const FIRST_RESEND_MS: u64 = 1000;
 /// Time between two hellos at first, ms.
 const FIRST_HELLO_MS: u64 = 1000;
-/// Longest time between two tries of anything, ms.
-const LONGEST_MS: u64 = 60_000;
+/// Longest such time, ms: while there is a session, heartbeats go as often.
+const LONGEST_RESEND_MS: u64 = 8_000;
+/// Longest time between two hellos, ms.
+const LONGEST_HELLO_MS: u64 = 60_000;
 /// Knocks are answered, and made, no more often than this, ms.
 const KNOCK_MS: u64 = 500;
 
@@ -56,17 +58,22 @@ struct BackOff {
     at_ms: u64,
     step_ms: u64,
     first_ms: u64,
+    longest_ms: u64,
 }
 
 impl BackOff {
     /// Due at once, then after so long.
-    const fn due(first_ms: u64) -> Self {
+    const fn due(first_ms: u64, longest_ms: u64) -> Self {
         Self {
             at_ms: 0,
             step_ms: first_ms,
             first_ms,
+            longest_ms,
         }
     }
+
+    const HELLO: Self = Self::due(FIRST_HELLO_MS, LONGEST_HELLO_MS);
+    const RESEND: Self = Self::due(FIRST_RESEND_MS, LONGEST_RESEND_MS);
 
     fn is_due(&self, now_ms: u64) -> bool {
         now_ms >= self.at_ms
@@ -75,7 +82,7 @@ impl BackOff {
     /// A try was made: the next comes after twice as long as the last.
     fn tried(&mut self, now_ms: u64) {
         self.at_ms = now_ms.saturating_add(self.step_ms);
-        self.step_ms = self.step_ms.saturating_mul(2).min(LONGEST_MS);
+        self.step_ms = self.step_ms.saturating_mul(2).min(self.longest_ms);
     }
 
     /// It went well: begin again.

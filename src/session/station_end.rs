@@ -17,7 +17,7 @@ const OFFER_MS: u64 = 5000;
 pub enum ToStation<'a> {
     /// A logger says who it is. Nothing is proven: give its key to [`StationEnd::welcome`] if there is one.
     Hello(Hello),
-    /// The next message of the logger's series: store it, then say so ([`StationEnd::stored`]).
+    /// The next message of the logger's series: store it, then say so ([`StationEnd::stored`], or [`StationEnd::not_stored`]).
     Parcel {
         /// Its number.
         sequence: u32,
@@ -30,7 +30,7 @@ pub enum ToStation<'a> {
     Duplicate,
     /// Messages between `stored` and `previous` have not come yet. The logger sends them again.
     Gap {
-        /// The last that is stored.
+        /// The last that has come.
         stored: u32,
         /// The one before that which has come.
         previous: u32,
@@ -62,6 +62,9 @@ pub struct StationEnd {
     stream: u32,
     /// Everything of it up to here is on disk.
     stored: u32,
+    /// Everything of it up to here was handed on to be stored.
+    taken: u32,
+    sessions: u32,
     knock_at_ms: Option<u64>,
     last_knock_ms: Option<u64>,
     receipt_due: bool,
@@ -90,6 +93,8 @@ impl StationEnd {
             offered: None,
             stream: 0,
             stored: 0,
+            taken: 0,
+            sessions: 0,
             knock_at_ms: Some(0),
             last_knock_ms: None,
             receipt_due: false,
@@ -149,7 +154,12 @@ impl StationEnd {
                 true => offer.stored.max(self.stored),
                 false => offer.stored,
             };
+            self.taken = match offer.stream == self.stream {
+                true => self.taken.max(self.stored),
+                false => self.stored,
+            };
             self.stream = offer.stream;
+            self.sessions = self.sessions.saturating_add(1);
             self.knock_at_ms = None;
         }
         let opened = result.and_then(|()| inner.ok_or(Refused::Forged));
@@ -197,14 +207,15 @@ impl StationEnd {
         let Some((sequence, previous, message)) = read_parcel(frame) else {
             return ToStation::Nothing;
         };
-        if sequence <= self.stored {
+        if sequence <= self.taken {
             self.receipt_due = true;
             return ToStation::Duplicate;
         }
-        if previous > self.stored {
-            let stored = self.stored;
+        if previous > self.taken {
+            let stored = self.taken;
             return ToStation::Gap { stored, previous };
         }
+        self.taken = sequence;
         ToStation::Parcel {
             sequence,
             previous,
@@ -249,7 +260,18 @@ impl StationEnd {
     /// Everything up to this number is on disk, or declared lost: a receipt goes out.
     pub fn stored(&mut self, sequence: u32) {
         self.stored = self.stored.max(sequence);
+        self.taken = self.taken.max(sequence);
         self.receipt_due = true;
+    }
+
+    /// What was handed on and is not on disk cannot be stored now: the logger sends it again.
+    pub fn not_stored(&mut self) {
+        self.taken = self.stored;
+    }
+
+    /// Sessions that have come up so far.
+    pub fn sessions(&self) -> u32 {
+        self.sessions
     }
 
     /// The next frame that is to be sent now; call it again until there is none.

@@ -203,6 +203,11 @@ pub struct Rejections {
 impl Rejections {
     /// All of them.
     pub fn total(&self) -> u32 {
+        self.by_reason().into_iter().fold(0, u32::saturating_add)
+    }
+
+    /// Each of them, in the order of the fields.
+    pub fn by_reason(&self) -> [u32; 7] {
         let Self {
             too_long,
             too_short,
@@ -212,9 +217,7 @@ impl Rejections {
             length,
             payload,
         } = *self;
-        [too_short, checksum, version, kind, length, payload]
-            .into_iter()
-            .fold(too_long, u32::saturating_add)
+        [too_long, too_short, checksum, version, kind, length, payload]
     }
 }
 

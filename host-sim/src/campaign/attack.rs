@@ -250,7 +250,7 @@ impl Scene {
         }
         while let Ok(Some(frame)) = self
             .logger
-            .poll(self.now_ms, 0, &mut self.backlog, Vitals::default, &mut out)
+            .poll(self.now_ms, 0, &mut self.backlog, |_| Vitals::default(), &mut out)
         {
             frames.push(frame.to_vec());
         }

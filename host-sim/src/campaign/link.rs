@@ -20,8 +20,8 @@ const ALERT_BYTES: usize = 100;
 const BACKLOG: usize = 64;
 /// Without anything under way, time goes on by this much, ms.
 const IDLE_MS: u64 = 50;
-/// Simulated time for one alert after which a cell is given up, ms: five minutes.
-const GIVE_UP_MS: u64 = 300_000;
+/// Simulated time for one alert after which a cell is given up, ms: an hour.
+const GIVE_UP_MS: u64 = 3_600_000;
 const DEVICE: u32 = 7;
 /// Clock of the base station when the campaign begins, ms since 1970.
 const EPOCH_MS: u64 = 1_700_000_000_000;
@@ -285,10 +285,13 @@ impl World {
             }
         }
         let entropy = 0;
-        while let Ok(Some(frame)) =
-            self.logger
-                .poll(self.now_ms, entropy, &mut self.backlog, Vitals::default, &mut self.out)
-        {
+        while let Ok(Some(frame)) = self.logger.poll(
+            self.now_ms,
+            entropy,
+            &mut self.backlog,
+            |_| Vitals::default(),
+            &mut self.out,
+        ) {
             self.counts.frames += 1;
             self.up
                 .send(frame, self.now_ms, self.fault, self.rate, &mut self.chance);
@@ -332,6 +335,7 @@ impl World {
                 ToStation::Parcel { sequence, message, .. } => {
                     // The disk is full now and then, and nothing is confirmed then.
                     if self.rate > 0.0 && self.chance.below(1000) == 0 {
+                        self.station.not_stored();
                         continue;
                     }
                     self.counts.duplicated += u64::from(sequence != self.disk + 1);
