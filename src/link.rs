@@ -19,7 +19,7 @@ use crate::wire::{Decoder, FrameBuffer, Kind, Rejections};
 pub use crate::wire::message::{Health, Restart};
 
 /// Longest event as it lies in the outbox.
-const EVENT_BYTES: usize = 256;
+pub const EVENT_BYTES: usize = 256;
 
 /// What the logger needs of the board it runs on.
 pub trait Board {

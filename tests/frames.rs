@@ -5,6 +5,7 @@ use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS, PAYLOAD_BYTES};
 use spanwatch::identify::evidence::Change;
+use spanwatch::link::EVENT_BYTES;
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
     Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Chunk, Configuration, Effort, Event, Fit,
@@ -214,6 +215,10 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
         });
     }
     for event in events() {
+        assert!(
+            postcard::to_slice(&event, &mut [0; EVENT_BYTES]).is_ok(),
+            "it fits the outbox"
+        );
         let bytes = bytes_of(Kind::Event, 77, &event);
         read(&bytes, Kind::Event, &|frame| {
             frame.message::<Event>() == Some(event.clone())

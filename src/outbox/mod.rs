@@ -23,9 +23,8 @@
 //!
 //! **Why not `sequential-storage`**, which this was meant to rest on: its queue (8.0.2) appends right behind what an interrupted write has
 //! left, and then can lose items whose push it had confirmed ([its issue
-//! 136](https://github.com/tweedegolf/sequential-storage/issues/136) is in what its map and its queue share). `host-sim evaluate link
-//! --store sequential-storage` counts them, `tests/outbox.rs` holds that it still is so. It also programs words twice, which a flash
-//! with check codes does not take, and its futures leave panics in the image.
+//! 136](https://github.com/tweedegolf/sequential-storage/issues/136) is in what its map and its queue share). `docs/link.md` counts them,
+//! `tests/outbox.rs` holds that it still is so. It also programs words twice, which a flash with check codes does not take.
 //!
 //! Cost: 12 bytes of RAM a sector and 80 more; a record has 16 bytes more than its payload. Finding the next record reads the head of
 //! every record.
