@@ -10,6 +10,8 @@
 //! | first guess | [`guess`] | a passage and the physics | speed and entry time, where nobody knows them |
 //! | search | [`identify`] | a passage and the physics | the damage that explains it, and how surely |
 //! | decision | [`logger`] | all of the above | passage reports and alerts |
+//! | outbox | [`outbox`] | reports and alerts | the same, until the base station has them on disk |
+//! | session | [`session`] | messages, and who may hear and say them | sealed frames |
 //! | wire | [`wire`] | messages | frames on a serial line, and back |
 //!
 //! The same [`logger::Logger`] runs in the firmware (`src/bin/logger.rs`) and on a PC (`host-sim`).
@@ -25,8 +27,10 @@ pub mod interaction;
 pub mod link;
 pub mod logger;
 pub mod math;
+pub mod outbox;
 pub mod passage;
 pub mod recorder;
+pub mod session;
 pub mod slot;
 pub mod track;
 pub mod train;

@@ -1,15 +1,25 @@
 //! A logger at the end of a serial line: bytes in, bytes out.
 //!
-//! Every request is answered at once by one frame with the request's number, so a sender that waits for the answer
-//! never sends more than the logger can hold; a request that comes again, because its answer was lost, does no harm.
-//! Passages and alerts follow on their own, numbered by the logger from 1.
+//! Everything on the line belongs to a [session](crate::session): only a request of the base station that is fresh is looked at. It is answered
+//! by one frame with its number, so a sender that waits for the answer never sends more than the logger can hold; a request that comes again,
+//! because its answer was lost, does no harm. Passages and alerts go by way of the [outbox](crate::outbox): they are on the flash before
+//! they are sent, and stay there until the base station has them on disk.
+
+use embedded_storage::nor_flash::NorFlash;
 
 use crate::logger::{Item, Logger};
+use crate::outbox::{Class, Outbox, OutboxError};
+use crate::session::packet::Vitals;
+use crate::session::{Device, Key, LoggerEnd, ToLogger};
+use crate::slot::Slot;
 use crate::wire::frame::Refusal;
 use crate::wire::message::{Acknowledgement, Answer, Effort, Event, Outcome, Request, Status};
-use crate::wire::{Decoder, FrameBuffer, Kind};
+use crate::wire::{Decoder, FrameBuffer, Kind, Rejections};
 
 pub use crate::wire::message::{Health, Restart};
+
+/// Longest event as it lies in the outbox.
+pub const EVENT_BYTES: usize = 256;
 
 /// What the logger needs of the board it runs on.
 pub trait Board {
@@ -17,43 +27,73 @@ pub trait Board {
     fn send(&mut self, bytes: &[u8]);
     /// A counter that runs with the processor: clock ticks since the start; 0 where there is none.
     fn ticks(&mut self) -> u64;
+    /// Time since the start, ms.
+    fn now_ms(&mut self) -> u64;
     /// State that only the board knows.
     fn health(&mut self) -> Health;
 }
 
-/// State of the logger and of its line. Large, 105 KiB: it belongs in static memory.
+/// Who a logger is.
 #[derive(Debug, Clone)]
-pub struct RemoteLogger {
+pub struct Identity {
+    /// Its number.
+    pub device: Device,
+    /// The number of its key.
+    pub key_number: u8,
+    /// Its key.
+    pub key: Key,
+}
+
+impl Identity {
+    /// Who a logger is that nobody has told: it has the key that everybody knows.
+    pub const DEMO: Self = Self {
+        device: 1,
+        key_number: 0,
+        key: Key::DEMO,
+    };
+}
+
+/// State of the logger and of its line. Large, 106 KiB: it belongs in static memory.
+#[derive(Debug, Clone)]
+pub struct RemoteLogger<F> {
     decoder: Decoder,
-    desk: Desk,
+    desk: Desk<F>,
 }
 
 /// Everything behind the decoder.
 #[derive(Debug, Clone)]
-struct Desk {
+struct Desk<F> {
     logger: Logger,
     out: FrameBuffer,
-    /// Number of the last event.
-    events: u32,
+    ends: Slot<Ends<F>>,
     frames: u32,
     effort: Effort,
 }
 
-impl Default for RemoteLogger {
+/// What lies on the flash, and who it goes to.
+#[derive(Debug, Clone)]
+struct Ends<F> {
+    outbox: Outbox<F>,
+    session: LoggerEnd,
+    /// The flash has failed, and nobody knows what it holds.
+    failed: bool,
+}
+
+impl<F: NorFlash> Default for RemoteLogger<F> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl RemoteLogger {
-    /// A logger that waits for its first frame.
+impl<F: NorFlash> RemoteLogger<F> {
+    /// A logger that hears nothing yet: see [`Self::open`].
     pub const fn new() -> Self {
         Self {
             decoder: Decoder::new(),
             desk: Desk {
                 logger: Logger::new(),
                 out: FrameBuffer::new(),
-                events: 0,
+                ends: Slot::Empty,
                 frames: 0,
                 effort: Effort {
                     stream_ticks: 0,
@@ -65,14 +105,51 @@ impl RemoteLogger {
         }
     }
 
+    // Not inlined: what is made here must not stand on the stack under the logger's work.
+    /// Opens the outbox on `flash`, and the line.
+    ///
+    /// # Errors
+    /// Those of [`Outbox::open`].
+    #[inline(never)]
+    pub fn open(&mut self, flash: F, identity: Identity) -> Result<(), OutboxError> {
+        let outbox = Outbox::open(flash)?;
+        let Identity {
+            device,
+            key_number,
+            key,
+        } = identity;
+        let session = LoggerEnd::new(device, key_number, key, outbox.starts());
+        self.desk.ends = Slot::Full(Ends {
+            outbox,
+            session,
+            failed: false,
+        });
+        Ok(())
+    }
+
+    /// The recording ends here, as if the base station had said so.
+    pub fn finish(&mut self) {
+        self.desk.logger.finish();
+    }
+
+    /// The flash has failed: what it holds is not known until the logger starts again.
+    pub fn has_failed(&self) -> bool {
+        self.desk.has_failed()
+    }
+
     /// Takes bytes from the line and answers the requests that they complete.
     pub fn receive(&mut self, bytes: &[u8], board: &mut impl Board) {
         for &byte in bytes {
             let Some(frame) = self.decoder.push(byte) else { continue };
-            if frame.kind != Kind::Request {
-                self.decoder.refuse(Refusal::Kind);
-                continue;
-            }
+            let Some(ends) = self.desk.ends.as_mut() else { continue };
+            let frame = match ends.session.on_frame(frame, board.now_ms(), &mut ends.outbox) {
+                Ok(ToLogger::Request(frame)) => frame,
+                Ok(ToLogger::Nothing) => continue,
+                Err(_) => {
+                    ends.failed = true;
+                    continue;
+                }
+            };
             let sequence = frame.sequence;
             match frame.message() {
                 Some(request) => {
@@ -82,25 +159,27 @@ impl RemoteLogger {
                 None => self.decoder.refuse(Refusal::Payload),
             }
         }
+        self.desk.send_what_is_due(self.decoder.rejections(), board);
     }
 
-    /// Does one slice of the work that waits; true if there is more.
+    /// Does one slice of the work that waits, and sends what is due; true if there is more.
     pub fn poll(&mut self, board: &mut impl Board) -> bool {
-        if !self.desk.logger.is_busy() {
-            return false;
+        let mut more = false;
+        if self.desk.logger.is_busy() {
+            let start = board.ticks();
+            more = self.desk.logger.poll();
+            let ticks = board.ticks().saturating_sub(start);
+            let effort = &mut self.desk.effort;
+            effort.identification_ticks = effort.identification_ticks.saturating_add(ticks);
+            effort.longest_slice_ticks = effort.longest_slice_ticks.max(ticks);
+            self.desk.tell();
         }
-        let start = board.ticks();
-        let more = self.desk.logger.poll();
-        let ticks = board.ticks().saturating_sub(start);
-        let effort = &mut self.desk.effort;
-        effort.identification_ticks = effort.identification_ticks.saturating_add(ticks);
-        effort.longest_slice_ticks = effort.longest_slice_ticks.max(ticks);
-        self.desk.tell(board);
+        self.desk.send_what_is_due(self.decoder.rejections(), board);
         more
     }
 }
 
-impl Desk {
+impl<F: NorFlash> Desk<F> {
     // Not inlined: a request and a bridge model on their way must not stand on the stack while a search runs.
     #[inline(never)]
     fn answer(&mut self, sequence: u32, request: Request, rejected: u32, board: &mut impl Board) {
@@ -132,31 +211,33 @@ impl Desk {
             Request::Passage { offset } => return self.tell_passage(offset, sequence, board),
             Request::Status => {
                 let answer = Answer::Status(self.status(rejected, board));
-                return self.send(Kind::Answer, sequence, &answer, board);
+                return self.send(sequence, &answer, board);
             }
         };
         let busy = self.logger.is_busy();
         let answer = Answer::Acknowledgement(Acknowledgement { outcome, busy });
-        self.send(Kind::Answer, sequence, &answer, board);
-        self.tell(board);
+        self.send(sequence, &answer, board);
+        self.tell();
     }
 
     // Not inlined: a piece that no other request needs.
     #[inline(never)]
     fn tell_evidence(&mut self, offset: u32, sequence: u32, board: &mut impl Board) {
         let chunk = self.logger.give_evidence(offset);
-        self.send(Kind::Answer, sequence, &Answer::Evidence(chunk), board);
+        self.send(sequence, &Answer::Evidence(chunk), board);
     }
 
     // Not inlined: a piece that no other request needs.
     #[inline(never)]
     fn tell_passage(&mut self, offset: u32, sequence: u32, board: &mut impl Board) {
         let piece = Answer::Passage(self.logger.give_passage(offset));
-        self.send(Kind::Answer, sequence, &piece, board);
+        self.send(sequence, &piece, board);
     }
 
-    fn status(&self, rejected: u32, board: &mut impl Board) -> Status {
+    fn status(&mut self, rejected: u32, board: &mut impl Board) -> Status {
+        let fill = self.ends.as_mut().and_then(|ends| ends.outbox.fill().ok());
         Status {
+            waiting: fill.map_or(0, |fill| fill.alerts.saturating_add(fill.reports)),
             track: self.logger.track_state(),
             samples: self.logger.samples(),
             passages: self.logger.passages(),
@@ -173,18 +254,82 @@ impl Desk {
         }
     }
 
-    /// Sends what the logger has to say.
-    fn tell(&mut self, board: &mut impl Board) {
+    // Not inlined: an event must not stand on the stack under the search.
+    /// Puts what the logger has to say on the flash.
+    #[inline(never)]
+    fn tell(&mut self) {
         while let Some(event) = self.logger.next_event() {
-            self.events = self.events.wrapping_add(1);
             log(&event);
-            self.send(Kind::Event, self.events, &event, board);
+            let Some(ends) = self.ends.as_mut() else { continue };
+            let class = match event {
+                Event::Alert(_) => Class::Alert,
+                Event::Passage(_) | Event::Track(_) => Class::Report,
+            };
+            let mut bytes = [0; EVENT_BYTES];
+            // Every event fits: tests/frames.rs writes the largest of each.
+            let Ok(bytes) = postcard::to_slice(&event, &mut bytes) else {
+                continue;
+            };
+            match ends.outbox.append(class, bytes) {
+                // It was counted, and is told with the next heartbeat.
+                Ok(_) | Err(OutboxError::Full) => {}
+                Err(_) => ends.failed = true,
+            }
         }
     }
 
-    fn send(&mut self, kind: Kind, sequence: u32, message: &impl serde::Serialize, board: &mut impl Board) {
+    // Not inlined: a frame that is sealed must not stand on the stack under the search.
+    /// Sends what the session has to send now.
+    #[inline(never)]
+    fn send_what_is_due(&mut self, rejections: &Rejections, board: &mut impl Board) {
+        let Some(ends) = self.ends.as_mut() else { return };
+        let (passages, alerts) = (self.logger.passages(), self.logger.alerts());
+        loop {
+            let (now_ms, entropy) = (board.now_ms(), board.ticks());
+            let (refusals, offset) = (ends.session.refusals(), ends.session.clock_offset_ms());
+            let vitals = |outbox: &mut Outbox<F>| {
+                let fill = outbox.fill().unwrap_or_default();
+                let ledger = outbox.ledger();
+                Vitals {
+                    health: board.health(),
+                    passages,
+                    alerts,
+                    alerts_waiting: fill.alerts,
+                    reports_waiting: fill.reports,
+                    fill_permille: (u64::from(fill.bytes) * 1000 / u64::from(fill.capacity.max(1))) as u16,
+                    alerts_dropped: ledger.alerts_dropped,
+                    reports_dropped: ledger.reports_dropped,
+                    unreadable: ledger.unreadable,
+                    wear: outbox.wear().most,
+                    rejections: rejections.by_reason().into_iter().collect(),
+                    forged: refusals.forged,
+                    replayed: refusals.replayed,
+                    unsealed: refusals.unsealed,
+                    clock_offset_ms: offset,
+                }
+            };
+            let due = ends
+                .session
+                .poll(now_ms, entropy, &mut ends.outbox, vitals, &mut self.out);
+            match due {
+                Ok(Some(bytes)) => board.send(bytes),
+                Ok(None) => return,
+                Err(_) => {
+                    ends.failed = true;
+                    return;
+                }
+            }
+        }
+    }
+
+    fn has_failed(&self) -> bool {
+        self.ends.as_ref().is_some_and(|ends| ends.failed)
+    }
+
+    fn send(&mut self, sequence: u32, answer: &Answer, board: &mut impl Board) {
+        let Some(ends) = self.ends.as_mut() else { return };
         // Every message fits: tests/frames.rs writes the largest of each.
-        if let Ok(bytes) = self.out.write(kind, sequence, message) {
+        if let Ok(bytes) = ends.session.seal(Kind::Answer, sequence, answer, &mut self.out) {
             board.send(bytes);
         }
     }

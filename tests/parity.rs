@@ -6,18 +6,14 @@ mod nearest_track;
 mod program;
 mod rails;
 
-use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
 use host_sim::channel::{Channel, InProcess, Qemu, built_image};
 use host_sim::replay::{self, Told};
 use host_sim::station::Station;
 use host_sim::track::{Profile, Rails};
 use spanwatch::wire::message::{BLOCK_COUNTS, Event, Reason, Status, TrackState, TrainKind, Verdict};
-use spanwatch::wire::{Decoder, Kind};
 use tempfile::TempDir;
 
 /// By how much the rails are changed, m; where; and over what length to either side.
@@ -25,30 +21,9 @@ const CHANGED_BY_M: f64 = 1e-3;
 const CHANGED_AT_M: f64 = 22.0;
 const CHANGED_OVER_M: f64 = 8.0;
 
-/// Keeps all bytes that come from the logger.
-struct Tap<C> {
-    channel: C,
-    heard: Arc<Mutex<Vec<u8>>>,
-}
-
-impl<C: Channel> Channel for Tap<C> {
-    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.channel.send(bytes)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        let count = self.channel.receive(buffer, timeout)?;
-        self.heard
-            .lock()
-            .expect("one thread")
-            .extend_from_slice(&buffer[..count]);
-        Ok(count)
-    }
-}
-
 /// What a logger has said.
 struct Said {
-    /// The frames of its events, as they were on the line.
+    /// Its events, as they lie in its outbox.
     frames: Vec<Vec<u8>>,
     alerts: usize,
     /// What it made of each passage.
@@ -65,22 +40,26 @@ struct Said {
 
 /// What a logger says of recordings, one after the other, with the learnt `track`, if there is one.
 fn events(channel: impl Channel + 'static, recordings: &[PathBuf], track: Option<&[u8]>) -> Said {
-    let heard = Arc::new(Mutex::new(Vec::new()));
-    let mut station = Station::new(Box::new(Tap {
-        channel,
-        heard: Arc::clone(&heard),
-    }));
+    let mut station = Station::new(Box::new(channel));
+    let mut frames = vec![];
     let (mut alerts, mut changes, mut verdicts) = (0, 0, vec![]);
     let mut status = Status::default();
     for path in recordings {
         let prepared = replay::prepare(path, None, replay::DEFAULT_SEED).expect("a recording");
         status = prepared
             .replay(&mut station, track, None, |told| {
-                match told {
-                    Told::Alert { .. } => alerts += 1,
-                    Told::Track { .. } => changes += 1,
-                    Told::Passage { report, .. } => verdicts.push(report.verdict),
+                let event = match told {
+                    Told::Alert { alert, .. } => Event::Alert(alert.clone()),
+                    Told::Track { report, .. } => Event::Track(*report),
+                    Told::Passage { report, .. } => Event::Passage(report.clone()),
+                };
+                match &event {
+                    Event::Alert(_) => alerts += 1,
+                    Event::Track(_) => changes += 1,
+                    Event::Passage(report) => verdicts.push(report.verdict),
                 }
+                let mut room = [0; 256];
+                frames.push(postcard::to_slice(&event, &mut room)?.to_vec());
                 Ok(())
             })
             .expect("replays");
@@ -96,21 +75,6 @@ fn events(channel: impl Channel + 'static, recordings: &[PathBuf], track: Option
         values.iter().map(|value| value.to_bits()).collect()
     });
     assert_eq!(station.rejected(), 0);
-    let bytes = heard.lock().expect("one thread").clone();
-    let mut decoder = Decoder::new();
-    let mut frames = Vec::new();
-    let mut begin = 0;
-    for (end, &byte) in bytes.iter().enumerate() {
-        if decoder
-            .push(byte)
-            .is_some_and(|frame| frame.kind == Kind::Event && frame.message::<Event>().is_some())
-        {
-            frames.push(bytes[begin..=end].to_vec());
-        }
-        if byte == 0 {
-            begin = end;
-        }
-    }
     Said {
         frames,
         alerts,

@@ -2,9 +2,11 @@
 
 pub mod batch;
 pub mod calibrate;
+pub mod campaign;
 pub mod channel;
 pub mod crossing;
 pub mod evaluate;
+pub mod flash;
 pub mod identification;
 pub mod image;
 pub mod model;

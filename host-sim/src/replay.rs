@@ -270,6 +270,7 @@ impl Prepared {
                     report,
                 },
             })?;
+            station.confirm()?;
         }
         if let (Some(keep), Some(number)) = (keep, strange)
             && let Some((first, values)) = station.strange_passage()?

@@ -4,8 +4,8 @@
 
 mod board;
 
-use board::Board;
-use spanwatch::link::RemoteLogger;
+use board::{Board, Flash};
+use spanwatch::link::{Identity, RemoteLogger};
 
 /// A turn of the loop longer than this is a hang. The longest slice of work takes 7 million instructions: at 25 MHz and one to two
 /// clocks each, about half a second.
@@ -16,7 +16,7 @@ const CHUNK_BYTES: usize = 256;
 #[cortex_m_rt::entry]
 fn main() -> ! {
     // In a static: it is most of the RAM.
-    static mut LOGGER: RemoteLogger = RemoteLogger::new();
+    static mut LOGGER: RemoteLogger<Flash> = RemoteLogger::new();
 
     let mut board = Board::start(LONGEST_TURN_S);
     run(LOGGER, &mut board)
@@ -24,7 +24,8 @@ fn main() -> ! {
 
 /// Not part of `main`, whose stack frame must be small: what goes wrong is recorded only once the board has started.
 #[inline(never)]
-fn run(logger: &mut RemoteLogger, board: &mut Board) -> ! {
+fn run(logger: &mut RemoteLogger<Flash>, board: &mut Board) -> ! {
+    open(logger);
     let mut chunk = [0; CHUNK_BYTES];
     loop {
         board.feed_watchdog();
@@ -34,5 +35,17 @@ fn run(logger: &mut RemoteLogger, board: &mut Board) -> ! {
         } else if !logger.poll(board) {
             board.sleep();
         }
+        if logger.has_failed() {
+            defmt::error!("the flash has failed");
+            Board::start_again();
+        }
+    }
+}
+
+/// Opens the outbox and the line. Without a flash an alert could be lost, so there is no line then either; the watchdog tries again.
+fn open(logger: &mut RemoteLogger<Flash>) {
+    defmt::warn!("no key was given to this logger: it uses the DEMO KEY, which everybody knows");
+    while logger.open(Board::flash(), Identity::DEMO).is_err() {
+        defmt::error!("the flash does not answer");
     }
 }

@@ -20,8 +20,12 @@ use crate::capacity::PAYLOAD_BYTES;
 
 const HEADER_BYTES: usize = 8;
 const CRC_BYTES: usize = 4;
+/// What a sealed frame has around its message: kind and number inside, and the seal.
+pub const SEALING_BYTES: usize = INNER_BYTES + TAG_BYTES;
+const INNER_BYTES: usize = 5;
+const TAG_BYTES: usize = 16;
 /// Bytes of a frame before it is stuffed.
-const BARE_BYTES: usize = HEADER_BYTES + PAYLOAD_BYTES + CRC_BYTES;
+const BARE_BYTES: usize = HEADER_BYTES + PAYLOAD_BYTES + SEALING_BYTES + CRC_BYTES;
 /// Most bytes that a frame can have on the line, both zeros included.
 pub const FRAME_BYTES: usize = BARE_BYTES + STUFFING_BYTES;
 /// What stuffing adds, and the two zeros.
@@ -37,13 +41,41 @@ pub enum Kind {
     Answer = 2,
     /// [`super::message::Event`]: numbered by the logger.
     Event = 3,
+    /// A frame of one of the other kinds inside, encrypted and authenticated ([`crate::session`]): numbered by its sender.
+    Sealed = 4,
+    /// [`crate::session::packet::Knock`], in the clear.
+    Knock = 5,
+    /// [`crate::session::packet::Hello`], in the clear.
+    Hello = 6,
+    /// [`crate::session::packet::Welcome`], sealed behind the station's nonce.
+    Welcome = 7,
+    /// A [`Self::Event`] from the outbox, with its number there: inside a sealed frame only.
+    Parcel = 8,
+    /// [`crate::session::packet::Receipt`]: inside a sealed frame only.
+    Receipt = 9,
+    /// [`crate::session::packet::Heartbeat`]: inside a sealed frame only.
+    Heartbeat = 10,
+    /// [`crate::session::packet::Time`]: inside a sealed frame only.
+    Time = 11,
 }
 
 impl Kind {
     fn of(byte: u8) -> Option<Self> {
-        [Self::Request, Self::Answer, Self::Event]
-            .into_iter()
-            .find(|&kind| kind as u8 == byte)
+        [
+            Self::Request,
+            Self::Answer,
+            Self::Event,
+            Self::Sealed,
+            Self::Knock,
+            Self::Hello,
+            Self::Welcome,
+            Self::Parcel,
+            Self::Receipt,
+            Self::Heartbeat,
+            Self::Time,
+        ]
+        .into_iter()
+        .find(|&kind| kind as u8 == byte)
     }
 }
 
@@ -73,10 +105,23 @@ impl FrameBuffer {
 
     /// Writes the frame of a message; gives the bytes for the line.
     pub fn write(&mut self, kind: Kind, sequence: u32, message: &impl Serialize) -> Result<&[u8], TooLong> {
+        self.write_with(kind, sequence, |payload| {
+            let room = payload.get_mut(..PAYLOAD_BYTES)?;
+            postcard::to_slice(message, room).ok().map(|written| written.len())
+        })
+    }
+
+    /// Writes a frame around a payload that `fill` writes into the room that it is given; it gives the payload's length.
+    pub fn write_with(
+        &mut self,
+        kind: Kind,
+        sequence: u32,
+        fill: impl FnOnce(&mut [u8]) -> Option<usize>,
+    ) -> Result<&[u8], TooLong> {
         let bare = self.bytes.get_mut(STUFFING_BYTES..).ok_or(TooLong)?;
         let (header, rest) = bare.split_first_chunk_mut::<HEADER_BYTES>().ok_or(TooLong)?;
-        let room = rest.get_mut(..PAYLOAD_BYTES).ok_or(TooLong)?;
-        let length = postcard::to_slice(message, room).map_err(|_| TooLong)?.len();
+        let room = rest.get_mut(..PAYLOAD_BYTES + SEALING_BYTES).ok_or(TooLong)?;
+        let length = fill(room).ok_or(TooLong)?;
         let [s0, s1, s2, s3] = sequence.to_le_bytes();
         let [l0, l1] = (length as u16).to_le_bytes();
         *header = [VERSION, kind as u8, s0, s1, s2, s3, l0, l1];
@@ -86,6 +131,27 @@ impl FrameBuffer {
         slot.copy_from_slice(&crc.to_le_bytes());
         let bytes = stuff(&mut self.bytes, end + CRC_BYTES).ok_or(TooLong)?;
         self.bytes.get(..bytes).ok_or(TooLong)
+    }
+
+    /// Writes a sealed frame, number `counter` of its sender, around a message of `kind` with the number `sequence`; `seal` encrypts what it
+    /// is given in its place and gives the tag.
+    pub fn write_sealed(
+        &mut self,
+        counter: u32,
+        kind: Kind,
+        sequence: u32,
+        message: impl FnOnce(&mut [u8]) -> Option<usize>,
+        seal: impl FnOnce(&mut [u8]) -> Option<[u8; TAG_BYTES]>,
+    ) -> Result<&[u8], TooLong> {
+        self.write_with(Kind::Sealed, counter, |payload| {
+            let (head, rest) = payload.split_first_chunk_mut::<INNER_BYTES>()?;
+            let [s0, s1, s2, s3] = sequence.to_le_bytes();
+            *head = [kind as u8, s0, s1, s2, s3];
+            let end = INNER_BYTES + message(rest.get_mut(..PAYLOAD_BYTES)?)?;
+            let tag = seal(payload.get_mut(..end)?)?;
+            payload.get_mut(end..end + TAG_BYTES)?.copy_from_slice(&tag);
+            Some(end + TAG_BYTES)
+        })
     }
 }
 
@@ -137,6 +203,11 @@ pub struct Rejections {
 impl Rejections {
     /// All of them.
     pub fn total(&self) -> u32 {
+        self.by_reason().into_iter().fold(0, u32::saturating_add)
+    }
+
+    /// Each of them, in the order of the fields.
+    pub fn by_reason(&self) -> [u32; 7] {
         let Self {
             too_long,
             too_short,
@@ -146,29 +217,47 @@ impl Rejections {
             length,
             payload,
         } = *self;
-        [too_short, checksum, version, kind, length, payload]
-            .into_iter()
-            .fold(too_long, u32::saturating_add)
+        [too_long, too_short, checksum, version, kind, length, payload]
     }
 }
 
 /// A frame that has passed every check but that of its payload.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, PartialEq, Eq)]
 pub struct Frame<'a> {
     /// Whose words.
     pub kind: Kind,
     /// Its number.
     pub sequence: u32,
-    payload: &'a [u8],
+    pub(crate) payload: &'a mut [u8],
 }
 
-impl Frame<'_> {
+impl<'a> Frame<'a> {
     /// The message; none if the payload is not exactly one. The caller tells the decoder ([`Decoder::refuse`]).
     pub fn message<M: DeserializeOwned>(&self) -> Option<M> {
         match postcard::take_from_bytes(self.payload) {
             Ok((message, [])) => Some(message),
             _ => None,
         }
+    }
+
+    /// The payload.
+    pub fn payload(&self) -> &[u8] {
+        self.payload
+    }
+
+    /// The frame inside a sealed one; `open` decrypts what it is given in its place, and says whether the tag fits.
+    pub fn open(self, open: impl FnOnce(&mut [u8], &[u8; TAG_BYTES]) -> bool) -> Option<Frame<'a>> {
+        let (sealed, tag) = self.payload.split_last_chunk_mut::<TAG_BYTES>()?;
+        if sealed.len() < INNER_BYTES || !open(sealed, tag) {
+            return None;
+        }
+        let (head, payload) = sealed.split_first_chunk_mut::<INNER_BYTES>()?;
+        let [kind, s0, s1, s2, s3] = *head;
+        Some(Frame {
+            kind: Kind::of(kind)?,
+            sequence: u32::from_le_bytes([s0, s1, s2, s3]),
+            payload,
+        })
     }
 }
 
@@ -275,7 +364,7 @@ impl Decoder {
         if nothing {
             return None;
         }
-        match check(&self.bare, length, cut, overflow, &mut self.rejections) {
+        match check(&mut self.bare, length, cut, overflow, &mut self.rejections) {
             Ok(frame) => Some(frame),
             Err(count) => {
                 *count = count.saturating_add(1);
@@ -287,7 +376,7 @@ impl Decoder {
 
 /// The frame in the first `length` bytes, or the count that its refusal adds to.
 fn check<'b, 'r>(
-    bare: &'b [u8; BARE_BYTES],
+    bare: &'b mut [u8; BARE_BYTES],
     length: usize,
     cut: bool,
     overflow: bool,
@@ -296,15 +385,16 @@ fn check<'b, 'r>(
     if overflow {
         return Err(&mut rejections.too_long);
     }
-    let parts = bare.get(..length).and_then(|all| {
-        let (checked, crc) = all.split_last_chunk::<CRC_BYTES>()?;
-        let (header, payload) = checked.split_first_chunk::<HEADER_BYTES>()?;
-        Some((checked, *crc, *header, payload))
+    let parts = bare.get_mut(..length).and_then(|all| {
+        let (checked, crc) = all.split_last_chunk_mut::<CRC_BYTES>()?;
+        let sound = CRC32C.checksum(checked).to_le_bytes() == *crc;
+        let (header, payload) = checked.split_first_chunk_mut::<HEADER_BYTES>()?;
+        Some((sound, *header, payload))
     });
-    let Some((checked, crc, header, payload)) = parts.filter(|_| !cut) else {
+    let Some((sound, header, payload)) = parts.filter(|_| !cut) else {
         return Err(&mut rejections.too_short);
     };
-    if CRC32C.checksum(checked).to_le_bytes() != crc {
+    if !sound {
         return Err(&mut rejections.checksum);
     }
     let [version, kind, s0, s1, s2, s3, l0, l1] = header;

@@ -14,7 +14,7 @@ use crate::logger::ConfigurationError;
 use crate::track::blob::TrackError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 7;
+pub const VERSION: u8 = 8;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -570,6 +570,8 @@ pub struct Status {
     pub quality: Quality,
     /// An identification is running.
     pub busy: bool,
+    /// Messages that the base station has not yet confirmed.
+    pub waiting: u32,
     /// What is known of the track.
     pub track: TrackState,
     /// What the work has cost.

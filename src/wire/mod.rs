@@ -1,7 +1,7 @@
 //! The line between logger and base station: what is said ([`message`]) and how it is cut into frames ([`frame`]).
 //!
-//! Both ends use this module, so what one can say the other can read. A checksum guards against noise, not against
-//! malice: frames are not yet authenticated.
+//! Both ends use this module, so what one can say the other can read. Its checksum guards against noise; against malice each frame is
+//! sealed by a [session](crate::session).
 
 pub mod frame;
 pub mod message;

@@ -4,13 +4,12 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
 
-use spanwatch::link::RemoteLogger;
-
-use super::{Channel, PcBoard};
+use super::{Channel, PcBoard, PcLogger, new_logger};
 
 /// The logger, and what it has said that nobody has read.
 pub struct InProcess {
-    logger: Box<RemoteLogger>,
+    logger: Box<PcLogger>,
+    board: PcBoard,
     said: VecDeque<u8>,
 }
 
@@ -18,9 +17,15 @@ impl InProcess {
     /// A logger that has just been switched on.
     pub fn new() -> Self {
         Self {
-            logger: Box::new(RemoteLogger::new()),
+            logger: new_logger(),
+            board: PcBoard::new(),
             said: VecDeque::new(),
         }
+    }
+
+    /// The recording ends here, as if the base station had said so.
+    pub fn finish(&mut self) {
+        self.logger.finish();
     }
 }
 
@@ -34,7 +39,7 @@ impl Channel for InProcess {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         let said = &mut self.said;
         self.logger
-            .receive(bytes, &mut PcBoard(|bytes: &[u8]| said.extend(bytes)));
+            .receive(bytes, &mut self.board.sending(|bytes| said.extend(bytes)));
         Ok(())
     }
 
@@ -43,7 +48,7 @@ impl Channel for InProcess {
         let said = &mut self.said;
         let mut more = true;
         while said.is_empty() && more {
-            more = self.logger.poll(&mut PcBoard(|bytes: &[u8]| said.extend(bytes)));
+            more = self.logger.poll(&mut self.board.sending(|bytes| said.extend(bytes)));
         }
         io::Read::read(said, buffer)
     }

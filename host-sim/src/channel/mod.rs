@@ -8,9 +8,13 @@ pub mod tcp;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
+use spanwatch::link::{Identity, RemoteLogger};
+
+use crate::campaign::power::TEARS;
+use crate::flash::SimulatedFlash;
 
 pub use in_process::InProcess;
 pub use qemu::Qemu;
@@ -114,16 +118,56 @@ fn received(read: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
-/// A board for a logger on a PC: bytes go wherever `send` puts them; no clock, no stack to watch.
-struct PcBoard<F: FnMut(&[u8])>(F);
+/// A logger on a PC, its outbox in memory.
+type PcLogger = RemoteLogger<SimulatedFlash<4, 4096>>;
+/// Pages of its flash, as many as the board's.
+const PAGES: usize = 16;
 
-impl<F: FnMut(&[u8])> spanwatch::link::Board for PcBoard<F> {
+/// A logger that has just been switched on, with the key that everybody knows.
+fn new_logger() -> Box<PcLogger> {
+    let mut logger = Box::new(PcLogger::new());
+    let flash = SimulatedFlash::new(PAGES, TEARS[0], 0);
+    logger
+        .open(flash, Identity::DEMO)
+        .expect("a flash in memory does not fail");
+    logger
+}
+
+/// A board for a logger on a PC: no stack to watch, no clock of the processor.
+struct PcBoard {
+    start: Instant,
+}
+
+impl PcBoard {
+    fn new() -> Self {
+        Self { start: Instant::now() }
+    }
+
+    /// The board with a line whose bytes go wherever `send` puts them.
+    fn sending<F: FnMut(&[u8])>(&self, send: F) -> PcLine<F> {
+        PcLine {
+            start: self.start,
+            send,
+        }
+    }
+}
+
+struct PcLine<F: FnMut(&[u8])> {
+    start: Instant,
+    send: F,
+}
+
+impl<F: FnMut(&[u8])> spanwatch::link::Board for PcLine<F> {
     fn send(&mut self, bytes: &[u8]) {
-        (self.0)(bytes);
+        (self.send)(bytes);
     }
 
     fn ticks(&mut self) -> u64 {
         0
+    }
+
+    fn now_ms(&mut self) -> u64 {
+        self.start.elapsed().as_millis() as u64
     }
 
     fn health(&mut self) -> spanwatch::wire::message::Health {

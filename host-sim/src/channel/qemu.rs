@@ -8,8 +8,9 @@ use std::collections::VecDeque;
 use std::fs;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -40,6 +41,8 @@ pub struct Qemu {
     log: Lines,
     complaints: Lines,
     readers: Vec<JoinHandle<()>>,
+    /// Its flash, where nobody else keeps it.
+    _flash: Option<OwnFlash>,
 }
 
 impl Qemu {
@@ -52,6 +55,15 @@ impl Qemu {
     /// # Errors
     /// The image is missing or no image of the logger, QEMU is not installed, or it does not start.
     pub fn start(image: &Path, icount: bool, show_log: bool) -> anyhow::Result<Self> {
+        let flash = OwnFlash::new();
+        let mut qemu = Self::start_on(image, &flash.0, icount, show_log)?;
+        qemu._flash = Some(flash);
+        Ok(qemu)
+    }
+
+    /// As [`Self::start`], with the flash of the outbox in the file `flash`, which is made if it is not there. An image that is started again
+    /// on the same file finds what was written before, however it ended.
+    pub fn start_on(image: &Path, flash: &Path, icount: bool, show_log: bool) -> anyhow::Result<Self> {
         let elf = fs::read(image).with_context(|| {
             format!(
                 "the logger's image {} cannot be read; `sh tests/build-firmware.sh` builds it",
@@ -67,7 +79,14 @@ impl Qemu {
 
         let mut command = Command::new(PROGRAM);
         command
-            .args(["-M", MACHINE, "-nographic", "-monitor", "none"])
+            .arg("-M")
+            .arg(format!("{MACHINE},memory-backend=psram"))
+            .arg("-object")
+            .arg(format!(
+                "memory-backend-file,id=psram,size=16M,share=on,mem-path={}",
+                flash.display()
+            ))
+            .args(["-nographic", "-monitor", "none"])
             .arg("-chardev")
             .arg(format!("socket,id=line,host=127.0.0.1,port={port},nodelay=on"))
             .args(["-serial", "chardev:line"])
@@ -104,6 +123,7 @@ impl Qemu {
                 log,
                 complaints,
                 readers,
+                _flash: None,
             }),
             Err(error) => {
                 end(&mut child, readers);
@@ -183,6 +203,25 @@ impl Channel for Qemu {
 impl Drop for Qemu {
     fn drop(&mut self) {
         end(&mut self.child, std::mem::take(&mut self.readers));
+    }
+}
+
+/// A file for the board's PSRAM, and so for its flash, that goes with the logger.
+struct OwnFlash(PathBuf);
+
+impl OwnFlash {
+    fn new() -> Self {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let name = format!("spanwatch-flash-{}-{number}", std::process::id());
+        Self(std::env::temp_dir().join(name))
+    }
+}
+
+impl Drop for OwnFlash {
+    fn drop(&mut self) {
+        // It is not there if QEMU did not start.
+        let _ = fs::remove_file(&self.0);
     }
 }
 

@@ -5,14 +5,16 @@ use std::net::{TcpListener, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
-use spanwatch::link::RemoteLogger;
 
-use super::{Channel, PcBoard, received};
+use super::{Channel, PcBoard, PcLogger, new_logger, received};
 
 /// A logger that does not answer for so long is not there.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// A line that takes no bytes for so long is dead.
 const SEND_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// A logger that has nothing to do looks at its session so often.
+const TURN: Duration = Duration::from_millis(200);
 
 /// The base station's end.
 pub struct Tcp {
@@ -56,20 +58,21 @@ impl Channel for Tcp {
 /// Runs a logger on this PC for everyone who connects to `listener`, one after the other, as a device on a line would:
 /// it keeps its state from one to the next. Ends when accepting fails.
 pub fn serve(listener: &TcpListener) -> io::Result<()> {
-    let mut logger = Box::new(RemoteLogger::new());
+    let mut logger = new_logger();
+    let board = PcBoard::new();
     loop {
         let (mut line, _) = listener.accept()?;
         line.set_nodelay(true)?;
         // A base station that is gone is no reason for a logger to stop.
-        let _ = attend(&mut line, &mut logger);
+        let _ = attend(&mut line, &mut logger, &board);
     }
 }
 
-fn attend(line: &mut TcpStream, logger: &mut RemoteLogger) -> io::Result<()> {
+fn attend(line: &mut TcpStream, logger: &mut PcLogger, board: &PcBoard) -> io::Result<()> {
     let mut buffer = [0; 4096];
     let mut reply = line.try_clone()?;
     let mut lost = Ok(());
-    let mut board = PcBoard(|bytes: &[u8]| {
+    let mut board = board.sending(|bytes| {
         if lost.is_ok() {
             lost = reply.write_all(bytes);
         }
@@ -77,6 +80,8 @@ fn attend(line: &mut TcpStream, logger: &mut RemoteLogger) -> io::Result<()> {
     let mut more = false;
     loop {
         line.set_nonblocking(more)?;
+        // The session has its own times to keep.
+        line.set_read_timeout(Some(TURN))?;
         match received(line.read(&mut buffer))? {
             0 => {}
             count => {

@@ -36,6 +36,8 @@ pub(super) enum Command {
     Sources(Sources),
     /// Unknown tracks: how well damage can be told after learning the track from healthy passages, and how well it is
     Track(super::evaluate_track::Track),
+    /// The way from decision to disk under faults: what is lost, given twice, changed or let in
+    Link(super::evaluate_link::Link),
     /// Compare time integrations by the error of the recorder's signal and their work
     Accuracy {
         /// Existing folder that the picture is written into, too
@@ -202,6 +204,7 @@ pub(super) fn run(command: &Command) -> Result<()> {
         Command::Noise(arguments) => noise(arguments),
         Command::Sources(arguments) => compare_sources(arguments),
         Command::Track(arguments) => super::evaluate_track::run(arguments),
+        Command::Link(arguments) => super::evaluate_link::run(arguments),
         Command::Accuracy { out } => accuracy(out.as_deref()),
         Command::Precision => print(&precision::table(&precision::rows()?)),
         Command::Table4 => print(&node_maxima::table(&node_maxima::solve()?)),

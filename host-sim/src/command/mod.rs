@@ -8,6 +8,7 @@ mod calibrate;
 mod demo;
 mod demo_track;
 mod evaluate;
+mod evaluate_link;
 mod evaluate_track;
 mod identify;
 mod logger;

@@ -5,10 +5,12 @@ pub mod store;
 pub mod words;
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
 use spanwatch::bridge::ReducedBridge;
+use spanwatch::session::packet::Welcome;
+use spanwatch::session::{Key, StationEnd, ToStation};
 use spanwatch::wire::frame::Refusal;
 use spanwatch::wire::message::{
     Acknowledgement, Answer, CHUNK_BYTES, Chunk, Configuration, Event, Outcome, PassagePiece, Request, SampleBlock,
@@ -19,6 +21,8 @@ use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 use crate::channel::Channel;
 use crate::model;
 
+/// The session is looked at so often.
+const TURN: Duration = Duration::from_millis(100);
 /// A request that is not answered is sent again after this time; asking twice does no harm.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 /// So often to a logger that has never answered, ...
@@ -38,7 +42,13 @@ pub struct Station {
     decoder: Decoder,
     out: FrameBuffer,
     sequence: u32,
-    events: VecDeque<Event>,
+    session: StationEnd,
+    /// Name of the logger's series of numbers, where it has none.
+    stream: u32,
+    /// What the logger has said on its own and nobody has heard, with its number.
+    events: VecDeque<(u32, Event)>,
+    /// The number of what was heard last.
+    heard: u32,
     frames: u64,
     /// The last track that was sent to stay.
     track: Option<Vec<u8>>,
@@ -52,7 +62,10 @@ impl Station {
             decoder: Decoder::new(),
             out: FrameBuffer::new(),
             sequence: 0,
+            session: StationEnd::new(),
+            stream: u32::from_le_bytes(chance()) | 1,
             events: VecDeque::new(),
+            heard: 0,
             frames: 0,
             track: None,
         }
@@ -65,12 +78,22 @@ impl Station {
 
     /// Frames that were refused here.
     pub fn rejected(&self) -> u32 {
-        self.decoder.rejections().total()
+        let refusals = self.session.refusals();
+        let refused = (refusals.forged.saturating_add(refusals.replayed)).saturating_add(refusals.unsealed);
+        self.decoder.rejections().total().saturating_add(refused)
     }
 
-    /// The next thing that the logger has said on its own.
+    /// The next thing that the logger has said on its own. The logger keeps it until [`Self::confirm`] says that it is safe here.
     pub fn next_event(&mut self) -> Option<Event> {
-        self.events.pop_front()
+        let (number, event) = self.events.pop_front()?;
+        self.heard = number;
+        Some(event)
+    }
+
+    /// Everything that [`Self::next_event`] has given is on disk, or need not be: the logger may forget it.
+    pub fn confirm(&mut self) -> Result<()> {
+        self.session.stored(self.heard);
+        self.say_what_is_due()
     }
 
     /// Configures the logger.
@@ -190,13 +213,14 @@ impl Station {
         self.wait_until_idle()
     }
 
+    /// Waits until the logger has nothing to do, and all that it has to say is here.
     fn wait_until_idle(&mut self) -> Result<Status> {
         let start = Instant::now();
         loop {
             let Answer::Status(status) = self.ask(&Request::Status)? else {
                 bail!("the logger answers a question with something else: is it of another version?");
             };
-            if !status.busy {
+            if !status.busy && self.events.len() >= status.waiting as usize {
                 return Ok(status);
             }
             if start.elapsed() > BUSY_TIMEOUT {
@@ -222,17 +246,20 @@ impl Station {
     /// Sends a request until it is answered.
     fn ask(&mut self, request: &Request) -> Result<Answer> {
         self.sequence = self.sequence.wrapping_add(1);
-        let frame = self
-            .out
-            .write(Kind::Request, self.sequence, request)
-            .ok()
-            .context("the request does not fit into a frame")?
-            .to_vec();
         let tries = if self.frames == 0 { FIRST_TRIES } else { TRIES };
         for _ in 0..tries {
-            self.channel.send(&frame).context("cannot send to the logger")?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
+            let mut session = None;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
+                // A logger that has begun a new session may not have heard what was said in the old one.
+                if self.session.is_up() && session != Some(self.session.sessions()) {
+                    session = Some(self.session.sessions());
+                    let frame = (self.session)
+                        .seal(Kind::Request, self.sequence, request, &mut self.out)
+                        .ok()
+                        .context("the request does not fit into a frame")?;
+                    self.channel.send(frame).context("cannot send to the logger")?;
+                }
                 if let Some(answer) = self.listen(left)? {
                     return Ok(answer);
                 }
@@ -240,7 +267,9 @@ impl Station {
         }
         let refused = match self.rejected() {
             0 => String::new(),
-            count => format!("; {count} frames from it were refused, so it may speak another version"),
+            count => {
+                format!("; {count} frames from it were refused, so it may speak another version or have another key")
+            }
         };
         bail!(
             "the logger does not answer: {tries} tries of {} s{refused}",
@@ -248,36 +277,68 @@ impl Station {
         );
     }
 
-    /// Takes what the line gives within `timeout`; ends early with the answer to the last request.
+    fn say_what_is_due(&mut self) -> Result<()> {
+        while let Some(frame) = self.session.poll(now_ms(), &mut self.out) {
+            self.channel.send(frame).context("cannot send to the logger")?;
+        }
+        Ok(())
+    }
+
+    /// Takes what the line gives within `timeout`, or a turn of the session; ends early with the answer to the last request.
     fn listen(&mut self, timeout: Duration) -> Result<Option<Answer>> {
+        self.say_what_is_due()?;
         let mut buffer = [0; 1024];
         let count = self
             .channel
-            .receive(&mut buffer, timeout)
+            .receive(&mut buffer, timeout.min(TURN))
             .context("cannot hear the logger")?;
         let mut found = None;
         for &byte in &buffer[..count] {
             let Some(frame) = self.decoder.push(byte) else { continue };
-            let read = match frame.kind {
-                Kind::Answer => frame.message().map(|answer| {
-                    // An answer to a request that was asked again comes twice.
-                    if frame.sequence == self.sequence {
-                        found = Some(answer);
+            self.frames += 1;
+            match self.session.on_frame(frame, now_ms()) {
+                ToStation::Hello(hello) => {
+                    let stream = if hello.stream == 0 { self.stream } else { hello.stream };
+                    let welcome = Welcome {
+                        stream,
+                        stored: 0,
+                        time_ms: now_ms(),
+                    };
+                    let frame = (self.session).welcome(&hello, &Key::DEMO, chance(), welcome, now_ms(), &mut self.out);
+                    if let Some(frame) = frame {
+                        self.channel.send(frame).context("cannot send to the logger")?;
                     }
-                }),
-                Kind::Event => frame.message().map(|event| self.events.push_back(event)),
-                Kind::Request => {
-                    self.decoder.refuse(Refusal::Kind);
-                    continue;
                 }
-            };
-            match read {
-                Some(()) => self.frames += 1,
-                None => self.decoder.refuse(Refusal::Payload),
+                ToStation::Parcel { sequence, message, .. } => match postcard::from_bytes(message) {
+                    Ok(event) => self.events.push_back((sequence, event)),
+                    Err(_) => self.decoder.refuse(Refusal::Payload),
+                },
+                // Somebody else has that on disk.
+                ToStation::Lost { acknowledged, .. } => self.session.stored(acknowledged),
+                ToStation::Answer(frame) => match frame.message() {
+                    // An answer to a request that was asked again comes twice.
+                    Some(answer) if frame.sequence == self.sequence => found = Some(answer),
+                    Some(_) => {}
+                    None => self.decoder.refuse(Refusal::Payload),
+                },
+                _ => {}
             }
         }
         Ok(found)
     }
+}
+
+/// Random bytes.
+fn chance<const N: usize>() -> [u8; N] {
+    let mut bytes = [0; N];
+    getrandom::fill(&mut bytes).expect("the system has random numbers");
+    bytes
+}
+
+/// The clock, ms since 1970.
+fn now_ms() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    since.as_millis() as u64
 }
 
 /// Whether the logger is busy, if it has done what it was asked.

@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | line to the base station: CMSDK UART0 | 0x40004000, interrupt 0 | `line.rs` |
 //! | time: SysTick, 25 MHz | core | `clock.rs` |
+//! | flash of the outbox: the PSRAM's beginning | 0x21000000 | `flash.rs` |
 //! | watchdog: CMSDK APB watchdog, 25 MHz | 0x40008000, non-maskable interrupt | `watchdog.rs` |
 //! | stack, and the guard below it: MPU | core | `stack.rs` |
 //! | what is left behind by a failure | a few bytes of RAM | `restart.rs` |
@@ -13,6 +14,7 @@
 //! this folder uses `unsafe`. No function panics.
 
 mod clock;
+mod flash;
 mod line;
 mod register;
 mod restart;
@@ -21,6 +23,7 @@ mod watchdog;
 
 use cortex_m::peripheral::Peripherals;
 use defmt_semihosting as _;
+pub use flash::Flash;
 use line::Line;
 use spanwatch::link::{self, Health, Restart};
 use watchdog::Watchdog;
@@ -58,6 +61,18 @@ impl Board {
         }
     }
 
+    /// The flash of the outbox; asked for once.
+    #[allow(dead_code, reason = "only the logger has an outbox")]
+    pub fn flash() -> Flash {
+        Flash::take()
+    }
+
+    /// Starts again, as after a failure: what lies on the flash is looked at anew.
+    #[allow(dead_code, reason = "only the logger has an outbox")]
+    pub fn start_again() -> ! {
+        cortex_m::peripheral::SCB::sys_reset()
+    }
+
     /// Says that the main loop is alive.
     pub fn feed_watchdog(&mut self) {
         self.watchdog.feed();
@@ -86,6 +101,10 @@ impl link::Board for Board {
 
     fn ticks(&mut self) -> u64 {
         clock::ticks()
+    }
+
+    fn now_ms(&mut self) -> u64 {
+        clock::ticks() / u64::from(CLOCK_HZ / 1000)
     }
 
     fn health(&mut self) -> Health {

@@ -1,0 +1,146 @@
+//! `host-sim evaluate link`: campaigns of faults against the way from decision to disk.
+
+use anyhow::{Result, bail};
+use clap::{Args, ValueEnum};
+use host_sim::campaign::{attack, link, power, sequential};
+use host_sim::terminal;
+use serde_json::json;
+
+use super::{print, print_json};
+
+#[derive(Debug, Args)]
+pub(super) struct Link {
+    /// What goes wrong
+    #[arg(long, value_enum, default_value_t = Campaign::Power)]
+    campaign: Campaign,
+    /// power: cuts in all; link: alerts in each cell; attack: frames of each kind
+    #[arg(long, default_value_t = 1_000_000)]
+    number: u64,
+    /// Seed of the first run; the same seed makes the same faults
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// power: what holds the messages
+    #[arg(long, value_enum, default_value_t = Store::Outbox)]
+    store: Store,
+    /// Print one JSON array in place of the table
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Campaign {
+    /// The power goes at every byte that the outbox writes or erases, and again while it recovers
+    Power,
+    /// The line drops, repeats, reorders, changes and invents bytes, one direction dies, either end restarts
+    Link,
+    /// Someone replays, reflects, truncates, splices, changes and forges frames
+    Attack,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Store {
+    /// The logger's
+    Outbox,
+    /// The queue of the crate of that name, for comparison
+    SequentialStorage,
+}
+
+pub(super) fn run(arguments: &Link) -> Result<()> {
+    if arguments.number == 0 || arguments.number > u64::from(u32::MAX / 2) {
+        bail!("--number must be 1 to {}", u32::MAX / 2);
+    }
+    if arguments.store != Store::Outbox && arguments.campaign != Campaign::Power {
+        bail!("--store goes with the campaign power only");
+    }
+    match arguments.campaign {
+        Campaign::Power => power(arguments, arguments.number),
+        Campaign::Link => link(arguments),
+        Campaign::Attack => attack(arguments),
+    }
+}
+
+fn link(arguments: &Link) -> Result<()> {
+    let bar = terminal::progress(link::CELLS, "sending");
+    let cells = link::run(arguments.number, arguments.seed, |_| bar.inc(1));
+    bar.finish_and_clear();
+    if !arguments.json {
+        return print(&link::table(&cells));
+    }
+    let json = |cell: &link::Cell| {
+        json!({
+            "fault": format!("{:?}", cell.fault).to_lowercase(),
+            "rate": cell.rate,
+            "alerts": cell.counts.alerts,
+            "stored": cell.counts.stored,
+            "lost": cell.counts.lost,
+            "duplicated": cell.counts.duplicated,
+            "wrong": cell.counts.wrong,
+            "faults": cell.counts.faults,
+            "sessions": cell.counts.sessions,
+            "frames": cell.counts.frames,
+            "simulated_s": cell.counts.simulated_s,
+            "seed": cell.seed,
+            "seconds": cell.seconds,
+        })
+    };
+    print_json(&cells.iter().map(json).collect())
+}
+
+fn attack(arguments: &Link) -> Result<()> {
+    let bar = terminal::progress(attack::Attack::EACH.len() as u64, "attacking");
+    let rows = attack::run(arguments.number, arguments.seed, |_| bar.inc(1));
+    bar.finish_and_clear();
+    if !arguments.json {
+        return print(&attack::table(&rows));
+    }
+    let json = |row: &attack::Row| {
+        json!({
+            "attack": format!("{:?}", row.attack).to_lowercase(),
+            "frames": row.frames,
+            "accepted": row.accepted,
+            "bytes_in": row.bytes_in,
+            "bytes_out": row.bytes_out,
+            "amplified": row.amplified,
+            "lost": row.lost,
+            "seed": row.seed,
+            "seconds": row.seconds,
+        })
+    };
+    print_json(&rows.iter().map(json).collect())
+}
+
+fn power(arguments: &Link, faults: u64) -> Result<()> {
+    let bar = terminal::progress(faults, "cutting");
+    let done = |row: &power::Row| bar.inc(row.counts.cuts);
+    let rows = match arguments.store {
+        Store::Outbox => power::run(faults, arguments.seed, done),
+        Store::SequentialStorage => sequential::run(faults, arguments.seed, done),
+    };
+    bar.finish_and_clear();
+    if arguments.json {
+        print_json(&rows.iter().map(power_json).collect())
+    } else {
+        print(&power::table(&rows))
+    }
+}
+
+fn power_json(row: &power::Row) -> serde_json::Value {
+    let counts = &row.counts;
+    json!({
+        "word_bytes": row.word,
+        "torn_words": row.tear.words,
+        "any_order": row.tear.shuffled,
+        "operations": counts.operations,
+        "cuts": counts.cuts,
+        "cuts_in_recovery": counts.cuts_in_recovery,
+        "lost": counts.lost,
+        "duplicated": counts.duplicated,
+        "altered": counts.altered,
+        "reused": counts.reused,
+        "evidence_lost": counts.evidence_lost,
+        "dead": counts.dead,
+        "dropped_and_counted": counts.dropped,
+        "seed": row.seed,
+        "seconds": row.seconds,
+    })
+}

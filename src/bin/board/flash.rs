@@ -1,0 +1,93 @@
+//! The flash of the outbox: the first 64 KiB of the board's PSRAM, which stand for a NOR flash.
+//!
+//! The MPS2 has none that QEMU models. Its PSRAM (16 MiB at 0x21000000, Arm DAI 0386, table 3-1) is memory that no variable is in; QEMU can
+//! lay it on a file (`-object memory-backend-file,..,share=on -machine ..,memory-backend=..`), so that an image that is killed and
+//! started again finds what it has written. This driver gives it the manners of a NOR flash: whole pages are erased to ones, bits are
+//! programmed to zero. A board with a flash puts its own driver here; nothing else changes.
+
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+
+const BASE: usize = 0x2100_0000;
+const PAGE_BYTES: usize = 4096;
+const PAGES: usize = 16;
+const BYTES: usize = PAGES * PAGE_BYTES;
+
+/// Something outside the flash, or no whole words or pages.
+#[derive(Debug, Clone, Copy)]
+pub struct Misuse;
+
+impl NorFlashError for Misuse {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::OutOfBounds
+    }
+}
+
+/// The flash. There is one ([`Flash::take`]).
+pub struct Flash(());
+
+impl Flash {
+    /// The flash, for whoever starts the board, which happens once.
+    pub(super) fn take() -> Self {
+        Self(())
+    }
+
+    /// Does something to each byte of a part of the flash.
+    fn each(
+        &mut self,
+        from: u32,
+        length: usize,
+        mut change: impl FnMut(u8, usize) -> Option<u8>,
+    ) -> Result<(), Misuse> {
+        let from = from as usize;
+        if from.checked_add(length).is_none_or(|end| end > BYTES) {
+            return Err(Misuse);
+        }
+        for at in 0..length {
+            let byte = core::ptr::with_exposed_provenance_mut::<u8>(BASE + from + at);
+            // SAFETY: it lies in the PSRAM, where there is no variable, and `self` is the only one to touch it.
+            let before = unsafe { byte.read_volatile() };
+            if let Some(after) = change(before, at) {
+                // SAFETY: as above.
+                unsafe { byte.write_volatile(after) };
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ErrorType for Flash {
+    type Error = Misuse;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Misuse> {
+        let length = bytes.len();
+        self.each(offset, length, |byte, at| {
+            if let Some(place) = bytes.get_mut(at) {
+                *place = byte;
+            }
+            None
+        })
+    }
+
+    fn capacity(&self) -> usize {
+        BYTES
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = PAGE_BYTES;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Misuse> {
+        self.each(from, to.checked_sub(from).ok_or(Misuse)? as usize, |_, _| Some(0xFF))
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Misuse> {
+        self.each(offset, bytes.len(), |before, at| {
+            bytes.get(at).map(|byte| before & byte)
+        })
+    }
+}

@@ -1,0 +1,192 @@
+//! Promises of the outbox: what it has confirmed is given until it is acknowledged, unchanged, once and in order, through power cuts at
+//! any byte; no number is given twice; newest alerts win when it is full, and what is dropped is counted; its flash wears evenly.
+
+use host_sim::campaign::{power, sequential};
+use host_sim::flash::{SimulatedFlash, Tear};
+use spanwatch::outbox::{Class, LEASE, Ledger, Outbox, OutboxError};
+
+/// Cuts of the short campaign; `host-sim evaluate link` makes as many as one likes.
+const CUTS: u64 = 120_000;
+/// Cuts within which the queue that the outbox does not rest on loses something.
+const CUTS_OF_THE_OTHER: u64 = 300_000;
+const SEED: u64 = 1;
+
+const PAGES: usize = 4;
+const ORDERLY: Tear = power::TEARS[0];
+type Flash = SimulatedFlash<4, 512>;
+
+fn outbox() -> Outbox<Flash> {
+    Outbox::open(Flash::new(PAGES, ORDERLY, SEED)).expect("a new flash")
+}
+
+fn contents(outbox: &mut Outbox<Flash>) -> Vec<(u32, Class, u8)> {
+    let mut buffer = [0; 256];
+    let (mut last, mut all): (u32, Vec<(u32, Class, u8)>) = (0, vec![]);
+    while let Some(parcel) = outbox.next_after(last, &mut buffer).expect("reads") {
+        assert_eq!(
+            parcel.previous,
+            all.last().map_or(outbox.acknowledged(), |&(number, ..)| number)
+        );
+        assert!(buffer[..parcel.length].iter().all(|&byte| byte == buffer[0]));
+        all.push((parcel.sequence, parcel.class, buffer[0]));
+        last = parcel.sequence;
+    }
+    all
+}
+
+#[test]
+fn no_power_cut_loses_repeats_or_changes_a_message() {
+    for row in power::run(CUTS, SEED, |_| ()) {
+        assert!(row.counts.is_clean(), "{row:?}");
+        assert!(
+            row.counts.cuts >= CUTS / 12 && row.counts.cuts_in_recovery > row.counts.cuts / 4,
+            "{row:?}"
+        );
+    }
+}
+
+#[test]
+fn the_queue_that_it_was_meant_to_rest_on_loses_messages() {
+    let rows = sequential::run(CUTS_OF_THE_OTHER, SEED, |_| ());
+    let lost: u64 = rows.iter().map(|row| row.counts.lost).sum();
+    assert!(
+        lost > 0,
+        "sequential-storage has lost nothing: is it time to rest on it? {rows:?}"
+    );
+}
+
+#[test]
+fn messages_are_given_in_order_until_they_are_acknowledged() {
+    let mut outbox = outbox();
+    let numbers: Vec<u32> = (0..5)
+        .map(|n| outbox.append(Class::Alert, &[n; 40]).expect("room"))
+        .collect();
+    assert!(numbers.is_sorted());
+    outbox.acknowledge(numbers[1]).expect("written");
+    // An old one does no harm.
+    outbox.acknowledge(numbers[0]).expect("passed over");
+    assert_eq!(outbox.acknowledge(numbers[4] + 1), Err(OutboxError::NotSent));
+    let rest: Vec<u8> = contents(&mut outbox).iter().map(|&(.., byte)| byte).collect();
+    assert_eq!(rest, [2, 3, 4]);
+    let mut outbox = Outbox::open(outbox.into_flash()).expect("the same flash");
+    let rest: Vec<u8> = contents(&mut outbox).iter().map(|&(.., byte)| byte).collect();
+    assert_eq!(rest, [2, 3, 4]);
+    assert_eq!(outbox.acknowledged(), numbers[1]);
+}
+
+#[test]
+fn numbers_go_on_behind_the_lease_after_each_start() {
+    let mut outbox = outbox();
+    let mut last = 0;
+    for start in 1..=20 {
+        assert_eq!(outbox.starts(), start);
+        for _ in 0..start * 7 {
+            let number = outbox.append(Class::Report, &[1; 8]).expect("room");
+            assert!(number > last && number <= last + LEASE + 1);
+            last = number;
+            outbox.acknowledge(number).expect("written");
+        }
+        outbox = Outbox::open(outbox.into_flash()).expect("the same flash");
+    }
+}
+
+#[test]
+fn the_newest_alerts_win_and_what_is_dropped_is_counted() {
+    let mut outbox = outbox();
+    let mut reports = 0;
+    while outbox.ledger() == Ledger::default() {
+        outbox.append(Class::Report, &[1; 60]).expect("an older one gives way");
+        reports += 1;
+    }
+    let dropped = outbox.ledger().reports_dropped;
+    assert_eq!(contents(&mut outbox).len() as u32, reports - dropped);
+
+    let mut alerts = 0;
+    while outbox.ledger().alerts_dropped == 0 {
+        outbox.append(Class::Alert, &[2; 60]).expect("others give way");
+        alerts += 1;
+    }
+    // Not one alert was dropped before the last report.
+    let all = contents(&mut outbox);
+    assert!(all.iter().all(|&(_, class, _)| class == Class::Alert));
+    assert_eq!(outbox.ledger().reports_dropped, reports);
+    assert_eq!(all.len() as u32, alerts - outbox.ledger().alerts_dropped);
+
+    // A report that finds no room is counted, too.
+    let refused = (0..100).find_map(|_| {
+        outbox.append(Class::Alert, &[2; 60]).expect("others give way");
+        let mut full = outbox.clone();
+        (full.append(Class::Report, &[3; 60]) == Err(OutboxError::Full)).then_some(full)
+    });
+    let mut outbox = refused.expect("alerts leave no room for a report now and then");
+    assert_eq!(outbox.ledger().reports_dropped, reports + 1);
+
+    // All of it can be fetched and let go.
+    let last = contents(&mut outbox).last().expect("some").0;
+    outbox.acknowledge(last).expect("written");
+    assert_eq!(contents(&mut outbox), []);
+    outbox.append(Class::Report, &[4; 60]).expect("room again");
+}
+
+#[test]
+fn the_newest_evidence_outlives_everything() {
+    let mut outbox = outbox();
+    for n in 0..50 {
+        outbox.keep_evidence(&[n; 130]).expect("room");
+        for _ in 0..10 {
+            outbox.append(Class::Alert, &[n; 60]).expect("older ones give way");
+        }
+        outbox = Outbox::open(outbox.into_flash()).expect("the same flash");
+        let mut buffer = [0; 200];
+        assert_eq!(outbox.evidence(&mut buffer).expect("reads"), Some([n; 130].as_slice()));
+        let number = outbox.append(Class::Alert, &[n; 60]).expect("room");
+        outbox.acknowledge(number).expect("written");
+    }
+}
+
+#[test]
+fn sectors_wear_alike_and_the_outbox_knows_how_much() {
+    let mut outbox = outbox();
+    for n in 0..20_000_u32 {
+        let number = outbox.append(Class::Alert, &[n as u8; 60]).expect("room");
+        if n % 3 == 0 {
+            outbox.acknowledge(number).expect("written");
+        }
+    }
+    let wear = outbox.wear();
+    let erases = outbox.flash_mut().erases().to_vec();
+    assert_eq!(
+        (wear.most, wear.fewest),
+        (*erases.iter().max().unwrap(), *erases.iter().min().unwrap())
+    );
+    assert!(wear.most > 1000 && wear.most - wear.fewest <= wear.most / 4, "{wear:?}");
+}
+
+#[test]
+fn what_the_flash_has_not_kept_is_told_and_hides_nothing_else() {
+    let mut outbox = outbox();
+    for n in 0..3 {
+        outbox.append(Class::Alert, &[n; 60]).expect("room");
+    }
+    let mut flash = outbox.into_flash();
+    // Somewhere in the payload of the second: behind the head, a state and the first.
+    flash.corrupt(56 + 56 + 76 + 16 + 30, 0x10);
+    let mut outbox = Outbox::open(flash).expect("the rest is sound");
+    let kept: Vec<u8> = contents_of(&mut outbox);
+    assert_eq!(kept, [0, 2]);
+    assert_eq!(outbox.ledger().unreadable, 1);
+}
+
+fn contents_of(outbox: &mut Outbox<Flash>) -> Vec<u8> {
+    contents(outbox).iter().map(|&(.., byte)| byte).collect()
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let mut outbox = outbox();
+    assert_eq!(outbox.append(Class::Alert, &[0; 400]), Err(OutboxError::TooLong));
+    assert_eq!(
+        Outbox::open(Flash::new(2, ORDERLY, SEED)).err(),
+        Some(OutboxError::Flash)
+    );
+}
