@@ -2,14 +2,16 @@
 //!
 //! ```text
 //! minimise  sum_p |r_p|^2_W + sum_p own_p^T P own_p + c^T C^-1 c / level + priors        over shared and own unknowns (linear.rs)
-//! level <- (c^T C^-1 c + tr(C^-1 Cov(c))) / n                                            the prior's own level, by expectation
+//! level = argmax  sum_i ln(l / (s_i + l)) + b_i^2 / (s_i + l),  l = 1 / level               the prior's own level
 //! ```
 //!
-//! `C` is the covariance that a standard spectrum gives the profile's coefficients; how rough this track is beside that is
-//! estimated along with it. A Gauss-Newton step is one linearisation of each passage and one solution for what they share.
+//! `C` is the covariance that a standard spectrum gives the profile's coefficients; how rough this track is beside that is the level of
+//! the largest likelihood, the coefficients marginalised: with `C = L L^T`, `s_i` and `b_i` are the eigenvalues of `L^T S L`, `S` what the
+//! passages say of the coefficients, and their right-hand side in its eigenvectors. A Gauss-Newton step is one linearisation of each
+//! passage and one solution for what they share.
 
-use anyhow::{Result, bail};
-use nalgebra::{DMatrix, DVector};
+use anyhow::{Context, Result, bail};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::track::profile::Knots;
 
@@ -18,7 +20,7 @@ use super::reference::short_waves;
 use super::{Options, Passage};
 use crate::batch::each;
 use crate::track::Spectrum;
-use crate::track::prior::precision;
+use crate::track::prior::covariance;
 
 /// Standard deviations, beforehand, of the logarithms of stiffness and damping: a model may be off by a tenth, and of the damping only
 /// its size is known.
@@ -33,10 +35,17 @@ pub(super) const DAMAGE_PRIOR: f64 = 0.3;
 pub(super) const MOST_STEPS: usize = 12;
 /// ... they end before a step that would take less than this part of what is left.
 const SETTLED: f64 = 1e-3;
-/// The level is sought until it moves by less than this part of it, ...
-const LEVEL_SETTLED: f64 = 0.01;
-/// ... in so many turns at most.
-const MOST_TURNS: usize = 100;
+/// What is wrong where a matrix has no factor.
+const CONTRADICTION: &str = "the passages contradict themselves; check trains, speeds and sensors";
+/// Levels that are believed: beside FRA class 6 the worst standard class has 36.
+const LEVELS: [f64; 2] = [0.01, 100.0];
+/// The track is taken for one of the spectrum until a step takes less than this part of what is left: a level that is sought while the
+/// runs are still wrong makes waves that lead them astray.
+const NEAR: f64 = 0.05;
+/// The level has settled when it changes by no more than a tenth.
+const LEVEL_SETTLED: f64 = 0.1;
+/// They are tried a twentieth apart.
+const NEXT_LEVEL: f64 = 1.05;
 
 /// What is known of a passage while it is learnt from.
 pub(super) struct Candidate<'a> {
@@ -48,8 +57,10 @@ pub(super) struct Candidate<'a> {
 /// The joint solution.
 pub(super) struct Joint {
     pub(super) knots: Knots<f32>,
-    /// Inverse of the prior covariance of the coefficients at level 1.
-    pub(super) precision: DMatrix<f64>,
+    /// Lower factor of the prior covariance of the coefficients at level 1, ...
+    lower: DMatrix<f64>,
+    /// ... and its inverse.
+    precision: DMatrix<f64>,
     /// The same of waves below [`SHORT_M`], 1 m RMS on the bridge.
     pub(super) short: DMatrix<f64>,
     pub(super) level: f64,
@@ -70,12 +81,15 @@ pub(super) struct Solved {
 impl Joint {
     pub(super) fn new(knots: &Knots<f64>, options: &Options) -> Result<Self> {
         let short = short_waves(knots);
+        let factor = covariance(Spectrum::Fra6, knots).cholesky();
+        let factor = factor.context("a spectrum that these knots can hold")?;
         let Some(rounded) = knots.cast() else {
             bail!("the profile's knots do not join");
         };
         Ok(Self {
             knots: rounded,
-            precision: precision(Spectrum::Fra6, knots)?,
+            lower: factor.l(),
+            precision: factor.inverse(),
             short,
             level: 1.0,
             healthy: options.healthy,
@@ -93,7 +107,7 @@ impl Joint {
         candidates: &mut [(usize, Candidate<'_>)],
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Solved> {
-        let mut steps = 0;
+        let (mut steps, mut near) = (0, false);
         loop {
             let passages = (each(&*candidates, |(_, candidate)| {
                 Linear::of(
@@ -108,8 +122,14 @@ impl Joint {
             let unexplained: Vec<f64> = (passages.iter())
                 .map(|passage| passage.residuals.unexplained(&passage.power).into())
                 .collect();
-            let (step, covariance) = self.at_level(&passages)?;
-            let settled = promise(&passages, &step) < SETTLED;
+            let before = self.level;
+            if near {
+                self.level = self.likeliest(&passages)?;
+            }
+            let (step, covariance) = self.step(&passages, 1.0)?;
+            let promised = promise(&passages, &step);
+            let settled = near && promised < SETTLED && (self.level / before).ln().abs() < LEVEL_SETTLED;
+            near |= promised < NEAR;
             if steps == MOST_STEPS || settled {
                 return Ok(Solved {
                     covariance,
@@ -127,26 +147,28 @@ impl Joint {
         }
     }
 
-    /// The step to the minimum of the linear model, and the covariance about it, with the level that the track has by them.
-    fn at_level(&mut self, passages: &[Linear]) -> Result<(DVector<f64>, DMatrix<f64>)> {
-        let n = self.shared.coefficients.len();
-        let coefficients = DVector::from_row_slice(&self.shared.coefficients);
-        let mut turns = 0;
-        loop {
-            let (step, covariance) = self.step(passages, 1.0)?;
-            let there = &coefficients + step.rows(COEFFICIENTS, n);
-            let spread = covariance.view((COEFFICIENTS, COEFFICIENTS), (n, n));
-            let size = there.dot(&(&self.precision * &there)) + (&self.precision * spread).trace();
-            let before = std::mem::replace(&mut self.level, size / n as f64);
-            turns += 1;
-            if (self.level / before).ln().abs() < LEVEL_SETTLED || turns == MOST_TURNS {
-                return Ok((step, covariance));
-            }
-        }
-    }
-
     /// The step to the minimum of the linear model, and the covariance about it, if each passage counts so many `times`.
     pub(super) fn step(&self, passages: &[Linear], times: f64) -> Result<(DVector<f64>, DMatrix<f64>)> {
+        let (mut information, mut gradient) = self.equations(passages, times);
+        let n = self.shared.coefficients.len();
+        let precision = &self.precision / self.level;
+        let mut tail = gradient.rows_mut(COEFFICIENTS, n);
+        tail -= &precision * DVector::from_row_slice(&self.shared.coefficients);
+        let mut block = information.view_mut((COEFFICIENTS, COEFFICIENTS), (n, n));
+        block += precision;
+        let factor = information.cholesky().context(CONTRADICTION)?;
+        let step = factor.solve(&gradient);
+        let mut covariance = factor.inverse();
+        if self.healthy {
+            for e in 0..ELEMENTS {
+                covariance[(e, e)] = 0.0;
+            }
+        }
+        Ok((step, covariance))
+    }
+
+    /// What passages that count so many `times` say of what they share, with what is known of the bridge beforehand.
+    fn equations(&self, passages: &[Linear], times: f64) -> (DMatrix<f64>, DVector<f64>) {
         let n = COEFFICIENTS + self.shared.coefficients.len();
         let (mut information, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
         for passage in passages {
@@ -169,13 +191,6 @@ impl Joint {
         for ((place, value), [expected, deviation]) in now.into_iter().zip(self.bridge) {
             prior(place, deviation, value.ln() - expected);
         }
-        let precision = &self.precision / self.level;
-        let coefficients = DVector::from_row_slice(&self.shared.coefficients);
-        let pull = &precision * coefficients;
-        let mut block = information.view_mut((COEFFICIENTS, COEFFICIENTS), (n - COEFFICIENTS, n - COEFFICIENTS));
-        block += precision;
-        let mut tail = gradient.rows_mut(COEFFICIENTS, n - COEFFICIENTS);
-        tail -= pull;
         if self.healthy {
             for e in 0..ELEMENTS {
                 information.row_mut(e).fill(0.0);
@@ -184,17 +199,38 @@ impl Joint {
                 gradient[e] = 0.0;
             }
         }
-        let Some(factor) = information.cholesky() else {
-            bail!("the passages contradict themselves; check trains, speeds and sensors");
+        (information, gradient)
+    }
+
+    /// The level of the prior by which the passages are likeliest.
+    fn likeliest(&self, passages: &[Linear]) -> Result<f64> {
+        let (information, gradient) = self.equations(passages, 1.0);
+        let coefficients = DVector::from_row_slice(&self.shared.coefficients);
+        let n = coefficients.len();
+        let others = information.view((0, 0), (COEFFICIENTS, COEFFICIENTS)).into_owned();
+        let across = information.view((0, COEFFICIENTS), (COEFFICIENTS, n)).into_owned();
+        let factor = others.cholesky().context(CONTRADICTION)?;
+        let said = information.view((COEFFICIENTS, COEFFICIENTS), (n, n)) - across.tr_mul(&factor.solve(&across));
+        let pull = gradient.rows(COEFFICIENTS, n)
+            - across.tr_mul(&factor.solve(&gradient.rows(0, COEFFICIENTS).into_owned()))
+            + &said * coefficients;
+        let eigen = SymmetricEigen::new(self.lower.tr_mul(&said) * &self.lower);
+        let pulls = eigen.eigenvectors.tr_mul(&self.lower.tr_mul(&pull));
+        let likelihood = |level: f64| {
+            let l = level.recip();
+            let each = eigen.eigenvalues.iter().zip(&pulls);
+            each.map(|(s, b)| {
+                let both = s.max(0.0) + l;
+                (l / both).ln() + b * b / both
+            })
+            .sum::<f64>()
         };
-        let step = factor.solve(&gradient);
-        let mut covariance = factor.inverse();
-        if self.healthy {
-            for e in 0..ELEMENTS {
-                covariance[(e, e)] = 0.0;
-            }
-        }
-        Ok((step, covariance))
+        let levels = std::iter::successors(Some(LEVELS[0]), |level| Some(level * NEXT_LEVEL));
+        let best = levels
+            .take_while(|&level| level <= LEVELS[1])
+            .map(|level| (level, likelihood(level)))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        best.map(|(level, _)| level).context("no level")
     }
 }
 

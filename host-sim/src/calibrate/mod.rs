@@ -304,11 +304,16 @@ impl Calibration {
     /// For the logger's memory, with the model of the bridge that it was learnt with.
     ///
     /// # Errors
-    /// If the numbers have no room in a blob.
+    /// If the numbers have no room in a blob, or no logger would believe them.
     pub fn to_blob(&self, bridge: &ReducedBridge<f64>) -> Result<Vec<u8>> {
         let coefficients: Vec<f32> = self.coefficients.iter().map(|&c| c as f32).collect();
         let mut buffer = [0; blob::TRACK_BLOB_BYTES];
-        Ok(blob::write(&self.learnt, &coefficients, bridge_crc(bridge)?, &mut buffer)?.to_vec())
+        let crc = bridge_crc(bridge)?;
+        let bytes = blob::write(&self.learnt, &coefficients, crc, &mut buffer)?.to_vec();
+        // What the logger would refuse is not written.
+        blob::read_into(&bytes, crc, &mut UNLEARNT.clone())
+            .context("these passages teach nothing that a logger would take")?;
+        Ok(bytes)
     }
 }
 
