@@ -9,6 +9,9 @@
 //!
 //! Of a wave of length l, `h` holds the part `(1 - exp(-2 (pi s / l)^2))^2`: with `s` = 5 m half of one of 20 m, all of one of 6 m, 0.6 % of
 //! one of 80 m.
+//!
+//! Waves shorter than two spans are not in the profile, and so not known at all: their power by the prior counts as variance. On the bridge
+//! there are none in a standard spectrum; on the approach, whose knots are ten metres apart, they are most of `h`.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
@@ -17,6 +20,8 @@ use spanwatch::track::profile::{Knots, Profile};
 use spanwatch::track::{Motion, Track};
 
 use super::Calibration;
+use crate::track::Spectrum;
+use crate::track::spectrum::Quantity;
 
 /// The wave of which half is left, m.
 pub const HALF_WAVE_M: f64 = 20.0;
@@ -49,11 +54,15 @@ impl Calibration {
             }
         }
         let spread = &rows * &self.covariance;
+        let missing: Vec<(f64, f64)> = (self.knots.stretches().iter())
+            .map(|stretch| (stretch.from_m, self.level * power_below(2.0 * stretch.spacing_m)))
+            .collect();
         (places.iter().enumerate())
             .map(|(i, &x_m)| {
                 let row = rows.row(i);
                 let height_m = row.iter().zip(&self.coefficients).map(|(part, c)| part * c).sum();
-                let variance = spread.row(i).dot(&row);
+                let missing = missing.iter().rfind(|(from_m, _)| *from_m <= x_m);
+                let variance = spread.row(i).dot(&row) + missing.map_or(0.0, |(_, power)| *power);
                 ShortWaves {
                     x_m,
                     height_m,
@@ -62,6 +71,25 @@ impl Calibration {
             })
             .collect()
     }
+}
+
+/// Mean square of `h` of the prior's waves below a length, m².
+fn power_below(length_m: f64) -> f64 {
+    const WAVES: usize = 400;
+    let [shortest, longest] = Spectrum::Fra6.waves_m();
+    let (low, high) = (length_m.clamp(shortest, longest).recip().ln(), shortest.recip().ln());
+    let width = (high - low) / WAVES as f64;
+    let each = (0..WAVES).map(|i| (low + (i as f64 + 0.5) * width).exp());
+    each.map(|s| {
+        let part = (1.0 - (-2.0 * (PI * deviation_m() * s).powi(2)).exp()).powi(2);
+        Spectrum::Fra6.density(Quantity::Profile, s) * part * part * s * width
+    })
+    .sum()
+}
+
+/// `s`: exp(-2 (pi s / l)^2) = 1 - sqrt(1 / 2) of the wave of which half is left.
+fn deviation_m() -> f64 {
+    HALF_WAVE_M * (-(1.0 - FRAC_1_SQRT_2).ln() / 2.0).sqrt() / PI
 }
 
 /// Places along a profile, m.
@@ -73,9 +101,7 @@ fn places(knots: &Knots<f64>) -> Vec<f64> {
 
 /// The short waves of a track at places [`POINT_M`] apart, m.
 pub fn short_waves_of(track: &impl Track<f64>, places_m: &[f64]) -> Vec<f64> {
-    // exp(-2 (pi s / l)^2) = 1 - sqrt(1 / 2)
-    let exponent = -(1.0 - FRAC_1_SQRT_2).ln();
-    let deviation_m = HALF_WAVE_M * (exponent / 2.0).sqrt() / PI;
+    let deviation_m = deviation_m();
     let reach = (REACH * SQRT_2 * deviation_m / POINT_M).round() as usize;
     let Some(&first) = places_m.first() else {
         return Vec::new();
