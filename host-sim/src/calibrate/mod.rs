@@ -26,6 +26,7 @@ use nalgebra::DMatrix;
 use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::ELEMENTS;
 use spanwatch::identify::Identification;
+use spanwatch::identify::hybrid::UNEXPLAINED;
 use spanwatch::interaction::{Direction, Run};
 use spanwatch::track::blob;
 use spanwatch::track::learnt::{LearntTrack, UNLEARNT};
@@ -203,12 +204,20 @@ pub fn calibrate(
         // One that is far off hides others behind it: asked again until there is none.
         let outlying = outlying(&solved.unexplained);
         if outlying.is_empty() {
+            let left = median(&solved.unexplained);
+            if left > UNEXPLAINED.into() {
+                bail!(
+                    "the passages contradict each other: half of them leave more than {:.0} % of their power unexplained on any track; check \
+                     train, cars, speed and sensors of each, and that all are of the same rails and bridge",
+                    100.0 * left
+                );
+            }
             break solved;
         }
         for &c in outlying.iter().rev() {
             let (i, _) = candidates.remove(c);
             outcomes[i] = Outcome::LeftOut(format!(
-                "{:.1} % of its power is unexplained, of the others' {:.1} %: another train, a wrong speed, or a sensor at fault",
+                "{:.1} % of its power is unexplained, of the others' {:.1} %: another train, a wrong speed, a sensor at fault, or other rails or another bridge by then",
                 100.0 * solved.unexplained[c],
                 100.0 * median(&solved.unexplained)
             ));

@@ -36,7 +36,7 @@ pub(super) struct Arguments {
     damaged: bool,
     /// What was learnt before the rails were changed: the bridge is as stiff as it was then but for damage, which is looked for and counts
     /// from there
-    #[arg(long, value_name = "OLD.blob")]
+    #[arg(long, value_name = "OLD.blob", conflicts_with = "damaged")]
     since: Option<PathBuf>,
     /// What the rails may change before the next calibration without its being seen, RMS of waves below 20 m, mm
     #[arg(long, default_value_t = 1e3 * DRIFT_M)]

@@ -64,8 +64,9 @@ pub fn track_changed(report: &TrackReport, start_s: f64) -> String {
     };
     format!(
         "TRACK CHANGED, seen in passage {} at {start_s:.2} s{since}: it leaves {:.0} standard deviations more unexplained than healthy passages \
-         did, the last twenty on average {:.1}. This is not damage. Nothing is identified until the track is learnt anew from passages \
-         after the change (host-sim calibrate --damaged); what was known of the bridge is kept.",
+         did, the last twenty on average {:.1}. The rails were changed, or trains, speeds or a sensor are not what is told; whether there is damage \
+         beside that is not known. Nothing is identified until the track is learnt anew from passages \
+         after the change (host-sim calibrate --since OLD.blob, which looks for damage, too); what was known of the bridge is kept.",
         report.passage, report.misfit, report.mean_misfit
     )
 }
