@@ -550,7 +550,7 @@ impl Logger {
             return doubt;
         };
         let train = self.configuration.as_ref()?.traffic.as_ref()?.train;
-        if !learnt.knows(train, found.run.speed_mps) {
+        if !learnt.knows(train, &found.run) {
             // The track need not have changed for it.
             return doubt.or(Some(Reason::Uncalibrated));
         }

@@ -7,6 +7,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{ELEMENTS, PROFILE_COEFFICIENTS};
 use spanwatch::identify::estimate::Information;
 use spanwatch::identify::evidence::{Basis, EVIDENCE_BYTES, Evidence, Forgetting};
+use spanwatch::interaction::{Direction, Run};
 use spanwatch::track::blob::{TRACK_BLOB_BYTES, TrackError, read_into, write};
 use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained, speed_band};
 use spanwatch::track::profile::{Knots, Profile, Stretch};
@@ -353,8 +354,18 @@ fn ten_healthy_years_raise_no_false_alarm() {
 #[test]
 fn trains_at_other_speeds_are_not_known() {
     let track = learnt();
-    assert!(track.knows(TrainKind::Shinkansen3d, 65.0) && track.knows(TrainKind::Shinkansen3d, 67.0));
-    assert!(!track.knows(TrainKind::Shinkansen3d, 50.0) && !track.knows(TrainKind::Inspection2Dof, 65.0));
+    assert!(
+        track.knows(TrainKind::Shinkansen3d, &Run::at(65.0)) && track.knows(TrainKind::Shinkansen3d, &Run::at(67.0))
+    );
+    assert!(
+        !track.knows(TrainKind::Shinkansen3d, &Run::at(50.0))
+            && !track.knows(TrainKind::Inspection2Dof, &Run::at(65.0))
+    );
+    let back = Run {
+        direction: Direction::Backward,
+        ..Run::at(65.0)
+    };
+    assert!(!track.knows(TrainKind::Shinkansen3d, &back));
 }
 
 #[test]

@@ -19,6 +19,7 @@ use nalgebra::{SMatrix, SVector};
 use super::profile::Profile;
 use crate::capacity::{CHANNELS, ELEMENTS};
 use crate::identify::estimate::Information;
+use crate::interaction::{Direction, Run};
 use crate::math;
 use crate::wire::message::TrainKind;
 
@@ -99,11 +100,13 @@ impl LearntTrack {
         sum / (count * self.scatter)
     }
 
-    /// Whether trains of this kind were among those that it was learnt from, at about this speed.
-    pub fn knows(&self, train: TrainKind, speed_mps: f32) -> bool {
-        let band = 1_u64 << speed_band(speed_mps);
+    /// Whether trains of this kind were among those that it was learnt from, at about this speed. They all enter by node 1: before the other
+    /// end the profile has no approach.
+    pub fn knows(&self, train: TrainKind, run: &Run<f32>) -> bool {
+        let band = 1_u64 << speed_band(run.speed_mps);
         let about = band | band << 1 | band >> 1;
-        (self.speeds.get(train as usize)).is_some_and(|speeds| speeds & about != 0)
+        let learnt = (self.speeds.get(train as usize)).is_some_and(|speeds| speeds & about != 0);
+        learnt && run.direction == Direction::Forward
     }
 }
 

@@ -7,6 +7,7 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use host_sim::identification::{self, Found, Known, Method, Observed, search};
 use host_sim::replay::{self, Prepared};
+use host_sim::station::words::UNCALIBRATED;
 use host_sim::station::words::identification::{self as words, How, Number, Ran};
 use host_sim::{calibrate, output, picture, terminal};
 use serde_json::{Value, json};
@@ -95,6 +96,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         &mut |generation| bar.set_position(generation.into()),
     )?;
     bar.finish_and_clear();
+    if let (Some(found), Some(traffic)) = (&found.identification, &prepared.configuration.traffic)
+        && observed.track.is_learnt()
+        && !observed.track.knows(traffic.train, &found.run)
+    {
+        eprintln!("warning: a logger would not believe what follows: {UNCALIBRATED}");
+    }
     if let Some(path) = &arguments.svg {
         let stem = arguments.recording.file_stem().unwrap_or_default().to_string_lossy();
         let subtitle = format!(

@@ -55,6 +55,10 @@ pub fn passage(report: &PassageReport, quantities: &[Quantity], start_s: f64, en
     text
 }
 
+/// Why a passage on a learnt track says nothing.
+pub const UNCALIBRATED: &str = "no train of this kind, speed and direction was among those that the track was learnt from; learn it from such trains, \
+                                too";
+
 /// The track has changed.
 pub fn track_changed(report: &TrackReport, start_s: f64) -> String {
     let since = match report.since {
@@ -134,7 +138,7 @@ fn why(reason: &Reason) -> String {
                 .to_owned()
         }
         Reason::Uncalibrated => {
-            "no train of this kind and speed was among those that the track was learnt from; learn it from such trains, too".to_owned()
+            UNCALIBRATED.to_owned()
         }
         Reason::Interrupted => "another model of the bridge came before the search was over".to_owned(),
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),
