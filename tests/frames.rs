@@ -1,6 +1,7 @@
 //! Promises of the line: what one end writes the other reads; a changed bit, a cut, garbage or another version is refused
 //! and counted by its reason; the decoder finds its way back at the next frame and never fails.
 
+use host_sim::campaign::attack::stuffed;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS, PAYLOAD_BYTES};
@@ -225,25 +226,6 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
         });
     }
     assert_eq!(decoder.rejections().total(), 0);
-}
-
-/// COBS as its paper defines it, out of place: of the bytes and a zero after them, what lies before each zero behind its count, and what is
-/// longer than 254 in blocks that stand for no zero.
-fn stuffed(bare: &[u8]) -> Vec<u8> {
-    let mut line = vec![0];
-    let mut parts = bare.split(|&byte| byte == 0).peekable();
-    while let Some(mut rest) = parts.next() {
-        let zero_follows = parts.peek().is_some();
-        while rest.len() > 254 || (rest.len() == 254 && zero_follows) {
-            line.push(255);
-            line.extend_from_slice(&rest[..254]);
-            rest = &rest[254..];
-        }
-        line.push(rest.len() as u8 + 1);
-        line.extend_from_slice(rest);
-    }
-    line.push(0);
-    line
 }
 
 #[test]

@@ -444,13 +444,15 @@ impl Normal {
             }
         }
     }
-}
 
-impl Normal {
     // Not inlined: the factor must not stand on the stack of the pass.
     /// Eliminates the cars' loads, of which all is known now.
     #[inline(never)]
     fn marginalise(&mut self) {
+        if self.among.diagonal() == Loads::zeros() {
+            // No car was weighed.
+            return;
+        }
         let prior = 1.0 / (CAR_LOAD * CAR_LOAD);
         let mut own = self.among;
         for car in 0..CARS {

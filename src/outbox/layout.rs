@@ -183,10 +183,9 @@ impl RecordHead {
 }
 
 fn seeded(order: u32, bytes: &[u8]) -> u32 {
-    let mut digest = CRC32C.digest();
-    digest.update(&order.to_le_bytes());
-    digest.update(bytes);
-    digest.finalize()
+    let mut check = PayloadCheck::new(order);
+    check.take(bytes);
+    check.finish()
 }
 
 /// The checksum of a payload, taken piece by piece.

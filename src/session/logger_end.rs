@@ -68,6 +68,13 @@ pub struct Refusals {
 }
 
 impl Refusals {
+    /// Nothing was refused.
+    pub const NONE: Self = Self {
+        forged: 0,
+        replayed: 0,
+        unsealed: 0,
+    };
+
     pub(super) fn count(&mut self, refused: Refused) {
         let count = match refused {
             Refused::Forged => &mut self.forged,
@@ -125,11 +132,7 @@ impl LoggerEnd {
             resend: BackOff::RESEND,
             round_trip_ms: u64::MAX,
             clock_offset_ms: None,
-            refusals: Refusals {
-                forged: 0,
-                replayed: 0,
-                unsealed: 0,
-            },
+            refusals: Refusals::NONE,
         }
     }
 

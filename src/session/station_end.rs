@@ -99,11 +99,7 @@ impl StationEnd {
             last_knock_ms: None,
             receipt_due: false,
             time: None,
-            refusals: Refusals {
-                forged: 0,
-                replayed: 0,
-                unsealed: 0,
-            },
+            refusals: Refusals::NONE,
         }
     }
 

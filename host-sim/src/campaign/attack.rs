@@ -423,6 +423,12 @@ fn framed(mut bare: Vec<u8>) -> Vec<u8> {
     let length = (bare.len() - 8) as u16;
     bare[6..8].copy_from_slice(&length.to_le_bytes());
     bare.extend_from_slice(&spanwatch::wire::CRC32C.checksum(&bare).to_le_bytes());
+    stuffed(&bare)
+}
+
+/// COBS as its paper defines it, out of place: of the bytes and a zero after them, what lies before each zero behind its count, and what is
+/// longer than 254 in blocks that stand for no zero.
+pub fn stuffed(bare: &[u8]) -> Vec<u8> {
     let mut line = vec![0];
     let mut parts = bare.split(|&byte| byte == 0).peekable();
     while let Some(mut rest) = parts.next() {
