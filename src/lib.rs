@@ -31,6 +31,7 @@ pub mod outbox;
 pub mod passage;
 pub mod recorder;
 pub mod session;
+pub mod settings;
 pub mod slot;
 pub mod track;
 pub mod train;

@@ -356,6 +356,11 @@ impl Logger {
         Ok(())
     }
 
+    /// Forgets what all passages say of the bridge.
+    pub fn clear(&mut self) {
+        self.evidence = Evidence::new(self.evidence.forgetting());
+    }
+
     /// Takes a block of raw counts, channel after channel within a sample, that begins at sample `first_sample` of the
     /// stream. A jump in the index is a gap; the last block once more is passed over.
     pub fn push(&mut self, first_sample: u64, counts: &[i32]) -> Result<(), BlockError> {

@@ -6,12 +6,13 @@ use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS, PAYLOAD_BYTES};
 use spanwatch::identify::evidence::Change;
-use spanwatch::link::EVENT_BYTES;
+use spanwatch::link::{CONFIGURATION_BYTES, NOTICE_BYTES};
+use spanwatch::settings::Part;
 use spanwatch::wire::frame::{FRAME_BYTES, Refusal};
 use spanwatch::wire::message::{
     Acknowledgement, Alert, Answer, BLOCK_COUNTS, CHUNK_BYTES, Channel, Chunk, Configuration, Effort, Event, Fit,
-    Health, Memory, Outcome, PassagePiece, PassageReport, Quality, Quantity, Ranges, Request, Restart, RivalReport,
-    SampleBlock, Status, TrackReport, Traffic, TrainKind, Trigger, Verdict,
+    Health, Memory, NewKey, Notice, Outcome, PassagePiece, PassageReport, Quality, Quantity, Ranges, Request, Restart,
+    RivalReport, SampleBlock, SetupRequest, SetupState, Status, TrackReport, Traffic, TrainKind, Trigger, Verdict,
 };
 use spanwatch::wire::{CRC32C, Decoder, FrameBuffer, Kind};
 
@@ -83,6 +84,20 @@ fn requests() -> Vec<Request> {
         }),
         Request::Finish,
         Request::Status,
+        Request::Clear,
+        Request::Restart,
+        Request::Key(NewKey {
+            device: u32::MAX,
+            number: u8::MAX,
+            key: [u8::MAX; 32],
+        }),
+        Request::Setup(SetupRequest::Begin),
+        Request::Setup(SetupRequest::Keep),
+        Request::Setup(SetupRequest::Reload),
+        Request::Setup(SetupRequest::Read {
+            part: Part::Configuration,
+            offset: u32::MAX,
+        }),
     ]
 }
 
@@ -97,7 +112,7 @@ fn answers() -> Vec<Answer> {
             outcome: Outcome::Done,
             busy: true,
         }),
-        Answer::Evidence(chunk()),
+        Answer::Piece(chunk()),
         Answer::Passage(PassagePiece {
             passage: u32::MAX,
             first_sample: u64::MAX,
@@ -116,6 +131,10 @@ fn answers() -> Vec<Answer> {
             busy: true,
             waiting: u32::MAX,
             track: Default::default(),
+            setup: SetupState {
+                generation: u32::MAX,
+                rolled_back: true,
+            },
             effort: Effort {
                 stream_ticks: u64::MAX,
                 identification_ticks: u64::MAX,
@@ -204,6 +223,12 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
         assert_eq!(frames, 1);
     };
     for request in requests() {
+        if let Request::Configure(configuration) = &request {
+            assert!(
+                postcard::to_slice(configuration, &mut [0; CONFIGURATION_BYTES]).is_ok(),
+                "it fits the flash"
+            );
+        }
         let bytes = bytes_of(Kind::Request, 77, &request);
         read(&bytes, Kind::Request, &|frame| {
             frame.message::<Request>() == Some(request.clone())
@@ -216,8 +241,13 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
         });
     }
     for event in events() {
+        let notice = Notice {
+            start: u32::MAX,
+            uptime_ms: u64::MAX,
+            event: event.clone(),
+        };
         assert!(
-            postcard::to_slice(&event, &mut [0; EVENT_BYTES]).is_ok(),
+            postcard::to_slice(&notice, &mut [0; NOTICE_BYTES]).is_ok(),
             "it fits the outbox"
         );
         let bytes = bytes_of(Kind::Event, 77, &event);

@@ -1,16 +1,25 @@
-//! Promise of the whole: a logger that is killed keeps what it has not been confirmed. QEMU and the image must be there.
+//! Promises of the whole: a logger that is killed keeps what it has not been confirmed; with image and base station killed at any moment, and a
+//! faulty line between, every alert arrives once. QEMU and the image must be there.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use host_sim::campaign::kill;
 use host_sim::channel::{Qemu, built_image};
 use host_sim::replay::{self, Prepared};
 use host_sim::station::Station;
 use spanwatch::wire::message::{BLOCK_COUNTS, Event};
 use tempfile::TempDir;
 
+/// Kills of the short campaign; `host-sim evaluate link --campaign kill` makes as many as one likes.
+const KILLS: u32 = 10;
+const SEED: u64 = 1;
+
+fn recording() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/case1-60kmh.csv")
+}
+
 fn case1() -> Prepared {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/case1-60kmh.csv");
-    replay::prepare(&path, None, replay::DEFAULT_SEED).expect("a shipped recording")
+    replay::prepare(&recording(), None, replay::DEFAULT_SEED).expect("a shipped recording")
 }
 
 fn logger(flash: &Path) -> Station {
@@ -54,4 +63,22 @@ fn an_alert_that_was_not_confirmed_comes_after_the_logger_was_killed_and_no_more
     assert_eq!(station.finish().expect("an answer").waiting, 0);
     drop(station);
     assert_eq!(heard(&mut logger(&flash)), []);
+}
+
+#[test]
+fn whatever_is_killed_and_when_every_alert_arrives_once() {
+    let folder = TempDir::new().expect("a folder");
+    let outcome = kill::run(
+        Path::new(env!("CARGO_BIN_EXE_host-sim")),
+        &built_image("logger"),
+        &recording(),
+        folder.path(),
+        KILLS,
+        SEED,
+        |_| (),
+    )
+    .expect("all runs");
+    assert!(outcome.is_clean(), "{outcome:?}");
+    assert!(outcome.logger_kills > 0 && outcome.station_kills > 0, "{outcome:?}");
+    assert!(outcome.stored > 5 && outcome.faults > 0, "{outcome:?}");
 }

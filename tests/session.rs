@@ -5,6 +5,7 @@ use host_sim::campaign::{attack, link};
 use spanwatch::outbox::OutboxError;
 use spanwatch::session::packet::{Vitals, Welcome};
 use spanwatch::session::{HEARTBEAT_MS, Key, LoggerEnd, Parcels, StationEnd, ToLogger, ToStation};
+use spanwatch::settings::Identity;
 use spanwatch::wire::message::Request;
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
@@ -177,7 +178,11 @@ fn another_key_makes_no_session_and_a_new_key_makes_the_next() {
     assert!(!pair.logger.is_up() && !pair.station.is_up());
     assert!(pair.logger.refusals().forged > 0);
     // The key is replaced: the session comes up with the next hello.
-    pair.logger.replace_key(2, key(2));
+    pair.logger.replace_identity(Identity {
+        device: 1,
+        key_number: 2,
+        key: key(2),
+    });
     for _ in 0..20 {
         pair.turn(1000);
     }

@@ -9,6 +9,7 @@ pub mod evaluate;
 pub mod flash;
 pub mod identification;
 pub mod image;
+pub mod keys;
 pub mod model;
 pub mod number_table;
 pub mod output;

@@ -30,6 +30,19 @@ pub fn write(files: &[(&Path, &[u8])]) -> Result<()> {
     Ok(())
 }
 
+/// Writes a file that nobody but its owner can read.
+pub fn write_secret(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut file = Staged::create(path)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        file.file.set_permissions(fs::Permissions::from_mode(0o600))?;
+    }
+    file.fill(bytes)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    file.publish()
+}
+
 /// A file under its temporary name; removed when dropped.
 struct Staged {
     file: File,

@@ -12,7 +12,7 @@ use spanwatch::wire::message::{
 };
 
 use crate::recording::{Recording, Run};
-use crate::station::{Station, words};
+use crate::station::{Heard, Station, words};
 use crate::train::TrainName;
 use crate::{model, terminal};
 
@@ -44,6 +44,8 @@ pub enum Told {
     },
     /// An alert.
     Alert {
+        /// As it came.
+        heard: Box<Heard>,
         /// What the logger says.
         alert: Alert,
         /// Beginning of its passage.
@@ -165,6 +167,16 @@ impl Prepared {
         Ok(())
     }
 
+    /// The configuration for every train of this kind: without the speed and the entry time of this one.
+    pub fn watching(&self) -> Configuration {
+        let mut configuration = self.configuration.clone();
+        if let Some(traffic) = &mut configuration.traffic {
+            traffic.speed_mps = None;
+            traffic.entry_time_s = None;
+        }
+        configuration
+    }
+
     /// What each channel measures.
     pub fn quantities(&self) -> Vec<Quantity> {
         self.configuration
@@ -249,7 +261,8 @@ impl Prepared {
     ) -> Result<()> {
         let mut strange = None;
         let time_s = |sample: u64| self.recording.start_s + sample as f64 * self.recording.interval_s;
-        while let Some(event) = station.next_event() {
+        while let Some(heard) = station.next_heard() {
+            let event = heard.notice.event.clone();
             if let Event::Passage(report) = &event
                 && is_strange(&report.verdict)
             {
@@ -263,6 +276,7 @@ impl Prepared {
                 },
                 Event::Alert(alert) => Told::Alert {
                     start_s: time_s(alert.start_sample),
+                    heard: Box::new(heard),
                     alert,
                 },
                 Event::Track(report) => Told::Track {

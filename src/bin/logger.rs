@@ -5,7 +5,7 @@
 mod board;
 
 use board::{Board, Flash};
-use spanwatch::link::{Identity, RemoteLogger};
+use spanwatch::link::RemoteLogger;
 
 /// A turn of the loop longer than this is a hang. The longest slice of work takes 7 million instructions: at 25 MHz and one to two
 /// clocks each, about half a second.
@@ -43,9 +43,20 @@ fn run(logger: &mut RemoteLogger<Flash>, board: &mut Board) -> ! {
 }
 
 /// Opens the outbox and the line. Without a flash an alert could be lost, so there is no line then either; the watchdog tries again.
+#[inline(never)]
 fn open(logger: &mut RemoteLogger<Flash>) {
-    defmt::warn!("no key was given to this logger: it uses the DEMO KEY, which everybody knows");
-    while logger.open(Board::flash(), Identity::DEMO).is_err() {
-        defmt::error!("the flash does not answer");
+    loop {
+        let (outbox, settings) = Board::flash();
+        match logger.open(outbox, settings) {
+            Ok(identity) if identity.key.is_demo() => {
+                defmt::warn!("nobody gave this logger a key: it uses the DEMO KEY, which everybody knows");
+                return;
+            }
+            Ok(identity) => {
+                defmt::info!("logger {=u32}, key {=u8}", identity.device, identity.key_number);
+                return;
+            }
+            Err(_) => defmt::error!("the flash does not answer"),
+        }
     }
 }

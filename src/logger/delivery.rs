@@ -162,19 +162,37 @@ impl Logger {
         outcome
     }
 
-    /// A piece of what all passages say of the bridge; all pieces are of the state that was at the first.
+    /// What has come of `item`, as long as nothing else has taken its room.
+    pub fn delivered(&mut self, item: Item) -> Option<&[u8]> {
+        self.room.delivery(item).map(|pieces| pieces.bytes.as_slice())
+    }
+
+    /// A piece of what all passages say of the bridge; all pieces are of the state that was at the first, unless a passage has come since.
     pub fn give_evidence(&mut self, offset: u32) -> Chunk {
-        let copy = &mut self.deliveries.evidence;
         if offset == 0 {
-            copy.bytes.clear();
-            // There is room for the whole of it.
-            let _ = copy.bytes.resize_default(EVIDENCE_BYTES);
-            let basis = self.rails.basis(self.model_crc);
-            let evidence = self.evidence.to_bytes(&basis, &mut copy.bytes);
-            let used = evidence.map_or(0, <[u8]>::len);
-            copy.bytes.truncate(used);
+            self.evidence_bytes();
         }
-        copy.give(offset)
+        self.deliveries.evidence.give(offset)
+    }
+
+    /// What all passages say of the bridge. It has the place of an evidence that is coming in pieces, which begins again then.
+    pub fn evidence_bytes(&mut self) -> &[u8] {
+        let copy = &mut self.deliveries.evidence.bytes;
+        // There is room for the whole of it.
+        let _ = copy.resize_default(EVIDENCE_BYTES);
+        let evidence = self.evidence.to_bytes(&self.rails.basis(self.model_crc), copy);
+        let used = evidence.map_or(0, <[u8]>::len);
+        copy.truncate(used);
+        copy
+    }
+
+    /// Goes on from what `read` writes into the buffer, and tells how long it is, if it is an evidence of the same bridge and track.
+    pub fn restore_from(&mut self, read: impl FnOnce(&mut [u8]) -> usize) -> bool {
+        let copy = &mut self.deliveries.evidence.bytes;
+        let _ = copy.resize_default(EVIDENCE_BYTES);
+        let used = read(copy);
+        copy.truncate(used);
+        self.restore_delivered() == Outcome::Done
     }
 
     /// Samples of the last passage that a learnt track did not explain, from value `offset` on; none once the next passage has begun.

@@ -7,6 +7,7 @@ use super::seal::{Channel, End, Key, Refused};
 use super::{BackOff, HEARTBEAT_MS, KNOCK_MS, LOST_HEARTBEATS, WINDOW};
 use crate::capacity::PAYLOAD_BYTES;
 use crate::outbox::{Outbox, OutboxError};
+use crate::settings::Identity;
 use crate::wire::frame::{FrameBuffer, TooLong};
 use crate::wire::{Frame, Kind};
 
@@ -151,10 +152,14 @@ impl LoggerEnd {
         self.clock_offset_ms
     }
 
-    /// Another key from the next session on.
-    pub fn replace_key(&mut self, number: u8, key: Key) {
-        self.key_number = number;
-        self.key = key;
+    /// Another name and key. The session is over; the next is by these.
+    pub fn replace_identity(&mut self, identity: Identity) {
+        self.device = identity.device;
+        self.key_number = identity.key_number;
+        self.key = identity.key;
+        self.channel = None;
+        self.hello = None;
+        self.next_hello = BackOff::HELLO;
     }
 
     /// Takes a frame that the decoder has found.

@@ -3,7 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use crate::wire::message::{Health, Restart};
+use crate::wire::message::{Health, Restart, SetupState};
 
 /// Bytes of a nonce.
 pub const NONCE_BYTES: usize = 16;
@@ -66,6 +66,8 @@ pub struct Heartbeat {
 pub struct Vitals {
     /// State of the board.
     pub health: Health,
+    /// What it has kept, and watches with.
+    pub setup: SetupState,
     /// Passages since the start.
     pub passages: u32,
     /// Alerts since the start.

@@ -43,6 +43,11 @@ impl Key {
         Self(bytes)
     }
 
+    /// Its bytes, for whoever keeps it.
+    pub const fn bytes(&self) -> &[u8; KEY_BYTES] {
+        &self.0
+    }
+
     /// It is the one that everybody knows.
     pub fn is_demo(&self) -> bool {
         self.0 == Self::DEMO.0

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::KNOCK_MS;
 use super::logger_end::{Refusals, read_parcel, seal};
-use super::packet::{BRING_UP_BYTES, Heartbeat, Hello, NONCE_BYTES, Receipt, Time, Welcome};
+use super::packet::{BRING_UP_BYTES, Device, Heartbeat, Hello, NONCE_BYTES, Receipt, Time, Welcome};
 use super::seal::{Channel, End, Key, Refused};
 use crate::wire::frame::{FrameBuffer, TooLong};
 use crate::wire::{Frame, Kind};
@@ -58,6 +58,8 @@ pub struct StationEnd {
     channel: Option<Channel>,
     /// The session that was offered last, until the logger has sealed something by it.
     offered: Option<Offer>,
+    /// Who has proven that it is at the other end.
+    device: Device,
     /// The name of the logger's series of numbers.
     stream: u32,
     /// Everything of it up to here is on disk.
@@ -75,6 +77,7 @@ pub struct StationEnd {
 #[derive(Debug, Clone)]
 struct Offer {
     channel: Channel,
+    device: Device,
     stream: u32,
     stored: u32,
 }
@@ -91,6 +94,7 @@ impl StationEnd {
         Self {
             channel: None,
             offered: None,
+            device: 0,
             stream: 0,
             stored: 0,
             taken: 0,
@@ -106,6 +110,11 @@ impl StationEnd {
     /// The logger has proven who it is.
     pub fn is_up(&self) -> bool {
         self.channel.is_some()
+    }
+
+    /// The logger that has proven who it is, and the name of its series of numbers.
+    pub fn logger(&self) -> Option<(Device, u32)> {
+        self.is_up().then_some((self.device, self.stream))
     }
 
     /// What was refused so far.
@@ -146,15 +155,17 @@ impl StationEnd {
         if by_offer && let Some(offer) = self.offered.take() {
             self.channel = Some(offer.channel);
             // The old session may have gone on meanwhile.
-            self.stored = match offer.stream == self.stream {
+            let same = (offer.device, offer.stream) == (self.device, self.stream);
+            self.stored = match same {
                 true => offer.stored.max(self.stored),
                 false => offer.stored,
             };
-            self.taken = match offer.stream == self.stream {
+            self.taken = match same {
                 true => self.taken.max(self.stored),
                 false => self.stored,
             };
             self.stream = offer.stream;
+            self.device = offer.device;
             self.sessions = self.sessions.saturating_add(1);
             self.knock_at_ms = None;
         }
@@ -247,6 +258,7 @@ impl StationEnd {
         });
         self.offered = Some(Offer {
             channel,
+            device: hello.device,
             stream: welcome.stream,
             stored: welcome.stored,
         });

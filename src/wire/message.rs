@@ -11,10 +11,12 @@ use crate::capacity::{CHANNELS, ELEMENTS};
 use crate::identify::evidence::{Change, EvidenceError};
 use crate::interaction::SetupError;
 use crate::logger::ConfigurationError;
+use crate::session::seal::KEY_BYTES;
+use crate::settings::{Part, SettingsError};
 use crate::track::blob::TrackError;
 
 /// Version of the message layouts of this module.
-pub const VERSION: u8 = 8;
+pub const VERSION: u8 = 9;
 
 /// Raw counts in one block, over all channels.
 pub const BLOCK_COUNTS: usize = 96;
@@ -49,6 +51,54 @@ pub enum Request {
         /// The value; 0 for the first piece.
         offset: u32,
     },
+    /// What is kept over a restart.
+    Setup(SetupRequest),
+    /// Forget what all passages say of the bridge, as after a repair.
+    Clear,
+    /// Use this key from the next session on.
+    Key(NewKey),
+    /// Start again, from what is kept.
+    Restart,
+}
+
+/// Keeping what the logger watches with. Between [`Self::Begin`] and [`Self::Keep`] everything that it is given, and takes, is also written
+/// to the flash.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SetupRequest {
+    /// Begin a setup.
+    Begin,
+    /// It is whole: from now on the logger starts with it.
+    Keep,
+    /// Go back to the one that is kept.
+    Reload,
+    /// Send a part of the one that is kept, from this byte on.
+    Read {
+        /// Which part.
+        part: Part,
+        /// The byte; 0 for the first piece.
+        offset: u32,
+    },
+}
+
+/// Another key for a logger.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NewKey {
+    /// The logger's number, which it may have had before or not.
+    pub device: u32,
+    /// The number of the key.
+    pub number: u8,
+    /// The key.
+    pub key: [u8; KEY_BYTES],
+}
+
+/// What a logger has kept.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SetupState {
+    /// Setups that were kept so far, this one included; 0: it watches with none that would outlive a restart.
+    pub generation: u32,
+    /// The newest was refused at the start, and this is the one before.
+    pub rolled_back: bool,
 }
 
 /// What a logger says to each request.
@@ -59,10 +109,21 @@ pub enum Answer {
     Acknowledgement(Acknowledgement),
     /// The logger's health.
     Status(Status),
-    /// A piece of what all passages say of the bridge.
-    Evidence(Chunk),
+    /// A piece of what all passages say of the bridge, or of a setup.
+    Piece(Chunk),
     /// Samples of a passage.
     Passage(PassagePiece),
+}
+
+/// What a logger says on its own, and when it did so first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Notice {
+    /// In which of its starts.
+    pub start: u32,
+    /// How long after it, ms.
+    pub uptime_ms: u64,
+    /// What.
+    pub event: Event,
 }
 
 /// What a logger says on its own.
@@ -334,6 +395,8 @@ pub enum Outcome {
     Evidence(EvidenceError),
     /// The track was refused.
     Track(TrackError),
+    /// The setup or the key was not kept.
+    Settings(SettingsError),
 }
 
 /// What was wrong with the samples of a passage, counted over all channels.
@@ -433,6 +496,16 @@ pub enum Verdict {
     },
     /// Nothing was identified.
     NotIdentified(Reason),
+}
+
+impl Verdict {
+    /// How well the passage is explained, if it was.
+    pub fn fit(&self) -> Option<&Fit> {
+        match self {
+            Self::Healthy { fit, .. } | Self::Undecided { fit, .. } | Self::Damaged { fit } => Some(fit),
+            Self::NotIdentified(_) => None,
+        }
+    }
 }
 
 /// Why nothing was identified.
@@ -574,6 +647,8 @@ pub struct Status {
     pub waiting: u32,
     /// What is known of the track.
     pub track: TrackState,
+    /// What it has kept, and watches with.
+    pub setup: SetupState,
     /// What the work has cost.
     pub effort: Effort,
     /// The board's own state.

@@ -5,8 +5,10 @@
 //! | [`power`] | power, at every byte that the outbox writes or erases, also while it recovers | a message lost, given twice or changed, a number used again |
 //! | [`link`] | the line, at every frame, and restarts of both ends | an alert lost, stored twice or wrong |
 //! | [`attack`] | someone replays, splices, forges, floods | anything accepted, or answered at length |
+//! | [`kill`] | image and base station are killed, the line between them is faulty | an alert lost, stored twice or invented |
 
 pub mod attack;
+pub mod kill;
 pub mod line;
 pub mod link;
 pub mod power;

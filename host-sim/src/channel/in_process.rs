@@ -4,23 +4,30 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
 
-use super::{Channel, PcBoard, PcLogger, new_logger};
+use anyhow::Result;
+
+use super::Channel;
+use super::pc::{PcFlash, PcLogger};
 
 /// The logger, and what it has said that nobody has read.
+#[derive(Default)]
 pub struct InProcess {
-    logger: Box<PcLogger>,
-    board: PcBoard,
+    logger: PcLogger,
     said: VecDeque<u8>,
 }
 
 impl InProcess {
-    /// A logger that has just been switched on.
+    /// A logger that has just been switched on, its flash in memory.
     pub fn new() -> Self {
-        Self {
-            logger: new_logger(),
-            board: PcBoard::new(),
+        Self::default()
+    }
+
+    /// A logger on this flash.
+    pub fn on(flash: [PcFlash; 2]) -> Result<Self> {
+        Ok(Self {
+            logger: PcLogger::start(flash)?,
             said: VecDeque::new(),
-        }
+        })
     }
 
     /// The recording ends here, as if the base station had said so.
@@ -29,17 +36,10 @@ impl InProcess {
     }
 }
 
-impl Default for InProcess {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Channel for InProcess {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         let said = &mut self.said;
-        self.logger
-            .receive(bytes, &mut self.board.sending(|bytes| said.extend(bytes)));
+        self.logger.receive(bytes, |bytes| said.extend(bytes));
         Ok(())
     }
 
@@ -48,7 +48,7 @@ impl Channel for InProcess {
         let said = &mut self.said;
         let mut more = true;
         while said.is_empty() && more {
-            more = self.logger.poll(&mut self.board.sending(|bytes| said.extend(bytes)));
+            more = self.logger.poll(|bytes| said.extend(bytes));
         }
         io::Read::read(said, buffer)
     }

@@ -1,6 +1,7 @@
 //! Ways to a logger, as bytes that go and come: in this process, over TCP, over a serial device, in QEMU.
 
 pub mod in_process;
+pub mod pc;
 pub mod qemu;
 pub mod serial;
 pub mod tcp;
@@ -8,21 +9,18 @@ pub mod tcp;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::Result;
-use spanwatch::link::{Identity, RemoteLogger};
-
-use crate::campaign::power::TEARS;
-use crate::flash::SimulatedFlash;
+use spanwatch::session::Device;
 
 pub use in_process::InProcess;
 pub use qemu::Qemu;
 pub use serial::Serial;
-pub use tcp::Tcp;
+pub use tcp::{Console, Tcp};
 
 /// Bytes to and from a logger.
-pub trait Channel {
+pub trait Channel: Send {
     /// Sends all of `bytes`.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
     /// Waits for bytes; how many were written to `buffer`, 0 after the timeout.
@@ -40,6 +38,8 @@ pub enum Via {
     Tcp(String),
     /// A logger on this serial device.
     Serial(PathBuf),
+    /// A logger through the base station that takes orders at this address.
+    Station(String, Device),
 }
 
 impl FromStr for Via {
@@ -50,8 +50,17 @@ impl FromStr for Via {
             None if text == "inproc" => Ok(Self::InProcess),
             None if text == "qemu" => Ok(Self::Qemu),
             Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_owned())),
+            Some(("station", place)) if let Some((address, logger)) = place.split_once('/') => {
+                let logger = logger
+                    .parse()
+                    .map_err(|_| format!("{logger} is no number of a logger"))?;
+                Ok(Self::Station(address.to_owned(), logger))
+            }
             Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.into())),
-            _ => Err("a logger is reached by inproc, qemu, tcp:HOST:PORT or serial:DEVICE".to_owned()),
+            _ => Err(
+                "a logger is reached by inproc, qemu, tcp:HOST:PORT, serial:DEVICE or station:HOST:PORT/LOGGER"
+                    .to_owned(),
+            ),
         }
     }
 }
@@ -61,14 +70,27 @@ impl FromStr for Via {
 pub struct QemuOptions {
     /// The image.
     pub image: PathBuf,
+    /// File that its flash lies in, which outlives it; none: one of its own.
+    pub flash: Option<PathBuf>,
     /// Print the logger's own log to standard error.
     pub show_log: bool,
+}
+
+impl QemuOptions {
+    /// Starts it.
+    pub fn start(&self) -> Result<Qemu> {
+        match &self.flash {
+            Some(flash) => Qemu::start_on(&self.image, flash, false, self.show_log),
+            None => Qemu::start(&self.image, false, self.show_log),
+        }
+    }
 }
 
 impl Default for QemuOptions {
     fn default() -> Self {
         Self {
             image: built_image("logger"),
+            flash: None,
             show_log: false,
         }
     }
@@ -93,9 +115,10 @@ pub fn built_image(name: &str) -> PathBuf {
 pub fn open(via: &Via, qemu: &QemuOptions) -> Result<Box<dyn Channel>> {
     Ok(match via {
         Via::InProcess => Box::new(InProcess::new()),
-        Via::Qemu => Box::new(Qemu::start(&qemu.image, false, qemu.show_log)?),
+        Via::Qemu => Box::new(qemu.start()?),
         Via::Tcp(address) => Box::new(Tcp::connect(address)?),
         Via::Serial(device) => Box::new(Serial::open(device)?),
+        Via::Station(address, logger) => Box::new(Console::connect(address, *logger)?),
     })
 }
 
@@ -115,62 +138,5 @@ fn received(read: io::Result<usize>) -> io::Result<usize> {
             Ok(0)
         }
         other => other,
-    }
-}
-
-/// A logger on a PC, its outbox in memory.
-type PcLogger = RemoteLogger<SimulatedFlash<4, 4096>>;
-/// Pages of its flash, as many as the board's.
-const PAGES: usize = 16;
-
-/// A logger that has just been switched on, with the key that everybody knows.
-fn new_logger() -> Box<PcLogger> {
-    let mut logger = Box::new(PcLogger::new());
-    let flash = SimulatedFlash::new(PAGES, TEARS[0], 0);
-    logger
-        .open(flash, Identity::DEMO)
-        .expect("a flash in memory does not fail");
-    logger
-}
-
-/// A board for a logger on a PC: no stack to watch, no clock of the processor.
-struct PcBoard {
-    start: Instant,
-}
-
-impl PcBoard {
-    fn new() -> Self {
-        Self { start: Instant::now() }
-    }
-
-    /// The board with a line whose bytes go wherever `send` puts them.
-    fn sending<F: FnMut(&[u8])>(&self, send: F) -> PcLine<F> {
-        PcLine {
-            start: self.start,
-            send,
-        }
-    }
-}
-
-struct PcLine<F: FnMut(&[u8])> {
-    start: Instant,
-    send: F,
-}
-
-impl<F: FnMut(&[u8])> spanwatch::link::Board for PcLine<F> {
-    fn send(&mut self, bytes: &[u8]) {
-        (self.send)(bytes);
-    }
-
-    fn ticks(&mut self) -> u64 {
-        0
-    }
-
-    fn now_ms(&mut self) -> u64 {
-        self.start.elapsed().as_millis() as u64
-    }
-
-    fn health(&mut self) -> spanwatch::wire::message::Health {
-        spanwatch::wire::message::Health::default()
     }
 }

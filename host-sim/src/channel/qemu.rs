@@ -5,7 +5,7 @@
 //! standard output.
 
 use std::collections::VecDeque;
-use std::fs;
+use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -22,6 +22,8 @@ use super::Channel;
 
 const PROGRAM: &str = "qemu-system-arm";
 const MACHINE: &str = "mps2-an386";
+/// The board's PSRAM: the flash is its beginning.
+const PSRAM_BYTES: u64 = 16 << 20;
 /// QEMU opens the line within a tenth of a second; on a machine under load it may take a few.
 const START_TIMEOUT: Duration = Duration::from_secs(30);
 /// The image takes bytes at every interrupt; only one that is dead keeps the line full for this long.
@@ -73,6 +75,10 @@ impl Qemu {
         let table = Table::parse(&elf)
             .map_err(|error| anyhow!("{} is no image of the logger: {error:#}", image.display()))?
             .with_context(|| format!("{} is no image of the logger: it logs nothing", image.display()))?;
+        let sized = File::options().create(true).truncate(false).write(true).open(flash);
+        sized
+            .and_then(|file| file.set_len(PSRAM_BYTES))
+            .with_context(|| format!("cannot use {} as a logger's flash", flash.display()))?;
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("no loopback port is free for QEMU")?;
         listener.set_nonblocking(true)?;
         let port = listener.local_addr()?.port();
@@ -83,7 +89,7 @@ impl Qemu {
             .arg(format!("{MACHINE},memory-backend=psram"))
             .arg("-object")
             .arg(format!(
-                "memory-backend-file,id=psram,size=16M,share=on,mem-path={}",
+                "memory-backend-file,id=psram,size={PSRAM_BYTES},share=on,mem-path={}",
                 flash.display()
             ))
             .args(["-nographic", "-monitor", "none"])
@@ -99,6 +105,7 @@ impl Qemu {
         if icount {
             command.args(["-icount", "shift=0"]);
         }
+        end_with_us(&mut command);
         let mut child = command.spawn().map_err(|error| match error.kind() {
             ErrorKind::NotFound => {
                 anyhow!("{PROGRAM} is not installed; on Debian and Ubuntu it is in the package qemu-system-arm")
@@ -138,6 +145,12 @@ impl Qemu {
     /// The last lines that the logger has logged, oldest first: time, level, message.
     pub fn log(&self) -> Vec<String> {
         lines(&self.log)
+    }
+
+    /// Kills QEMU; the lines that the logger has logged up to then.
+    pub fn kill(mut self) -> Vec<String> {
+        end(&mut self.child, std::mem::take(&mut self.readers));
+        self.log()
     }
 
     /// How QEMU ended, if it has: the image ends it when restarting does not help.
@@ -224,6 +237,22 @@ impl Drop for OwnFlash {
         let _ = fs::remove_file(&self.0);
     }
 }
+
+/// QEMU ends with this program, also if that is killed: two of them on one flash would spoil it.
+#[cfg(target_os = "linux")]
+fn end_with_us(command: &mut Command) {
+    use std::os::unix::process::CommandExt as _;
+    let ask = || {
+        Ok(rustix::process::set_parent_process_death_signal(Some(
+            rustix::process::Signal::KILL,
+        ))?)
+    };
+    // SAFETY: between fork and exec only a system call is made, which takes no lock and no memory.
+    unsafe { command.pre_exec(ask) };
+}
+
+#[cfg(not(target_os = "linux"))]
+fn end_with_us(_command: &mut Command) {}
 
 /// Waits for QEMU to open the line.
 fn accept(listener: &TcpListener, child: &mut Child) -> anyhow::Result<TcpStream> {

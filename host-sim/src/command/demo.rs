@@ -81,9 +81,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 "  {}\n",
                 words::passage(report, &prepared.quantities(), *start_s, *end_s)
             )),
-            Told::Alert { alert, start_s } => {
+            Told::Alert { heard, alert, start_s } => {
                 let text = words::alert(alert);
-                store.append(shipped.stem, *start_s, alert, &text)?;
+                store.keep_heard(heard, shipped.stem, *start_s)?;
                 raised = Some(alert.clone());
                 super::print(&format!("  {text}\n"))
             }
@@ -98,7 +98,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         station.frames(),
         station.rejected(),
         out.join("alerts.sqlite").display(),
-        store.count()?
+        store.alerts()?
     ))
 }
 

@@ -1,8 +1,9 @@
 //! `host-sim evaluate link`: campaigns of faults against the way from decision to disk.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use host_sim::campaign::{attack, link, power, sequential};
+use host_sim::campaign::{attack, kill, link, power, sequential};
+use host_sim::channel::built_image;
 use host_sim::terminal;
 use serde_json::json;
 
@@ -13,7 +14,7 @@ pub(super) struct Link {
     /// What goes wrong
     #[arg(long, value_enum, default_value_t = Campaign::Power)]
     campaign: Campaign,
-    /// power: cuts in all; link: alerts in each cell; attack: frames of each kind
+    /// power: cuts in all; link: alerts in each cell; attack: frames of each kind; kill: kills
     #[arg(long, default_value_t = 1_000_000)]
     number: u64,
     /// Seed of the first run; the same seed makes the same faults
@@ -33,6 +34,8 @@ enum Campaign {
     Power,
     /// The line drops, repeats, reorders, changes and invents bytes, one direction dies, either end restarts
     Link,
+    /// The image in QEMU and the base station are killed at any moment, on a faulty line
+    Kill,
     /// Someone replays, reflects, truncates, splices, changes and forges frames
     Attack,
 }
@@ -56,7 +59,58 @@ pub(super) fn run(arguments: &Link) -> Result<()> {
         Campaign::Power => power(arguments, arguments.number),
         Campaign::Link => link(arguments),
         Campaign::Attack => attack(arguments),
+        Campaign::Kill => kill(arguments),
     }
+}
+
+fn kill(arguments: &Link) -> Result<()> {
+    let folder = std::env::temp_dir().join(format!("spanwatch-kill-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let recording = folder.join("passage.csv");
+    std::fs::write(&recording, include_str!("../../recordings/case1-60kmh.csv"))?;
+    std::fs::write(
+        recording.with_extension("toml"),
+        include_str!("../../recordings/case1-60kmh.toml"),
+    )?;
+    let kills = arguments.number as u32;
+    let bar = terminal::progress(kills.into(), "killing");
+    let program = std::env::current_exe()?;
+    let outcome = kill::run(
+        &program,
+        &built_image("logger"),
+        &recording,
+        &folder,
+        kills,
+        arguments.seed,
+        |_| bar.inc(1),
+    );
+    bar.finish_and_clear();
+    let outcome = outcome?;
+    std::fs::remove_dir_all(&folder)?;
+    let kill::Outcome {
+        logger_kills,
+        station_kills,
+        faults,
+        logged,
+        alerts,
+        stored,
+        cut_off,
+        lost,
+        wrong,
+        seconds,
+    } = outcome;
+    let seed = arguments.seed;
+    if arguments.json {
+        return print_json(&json!({
+            "logger_kills": logger_kills, "station_kills": station_kills, "faults": faults, "logged": logged, "alerts": alerts,
+            "stored": stored, "cut_off": cut_off, "lost": lost, "wrong": wrong, "seconds": seconds, "seed": seed,
+        }));
+    }
+    print(&format!(
+        "{logger_kills} kills of the image, {station_kills} of the base station, {faults} faults of the line, seed {seed}: of {logged} \
+         alerts and reports ({alerts} alerts) that the image has logged {stored} are stored, once and in order; {cut_off} were cut off by a \
+         kill before they were on its flash; {lost} lost, {wrong} wrong. {seconds} s.\n"
+    ))
 }
 
 fn link(arguments: &Link) -> Result<()> {

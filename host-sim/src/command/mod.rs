@@ -4,6 +4,7 @@
 //! `run` returns an error that reads as one sentence once its causes are joined by colons; it ends the program with exit
 //! code [`BAD_INPUT`], as wrong flags do.
 
+mod base_station;
 mod calibrate;
 mod demo;
 mod demo_track;
@@ -11,11 +12,15 @@ mod evaluate;
 mod evaluate_link;
 mod evaluate_track;
 mod identify;
+mod keys;
 mod logger;
 mod measure;
 mod model;
 mod predict;
+mod query;
+mod reach;
 mod replay;
+mod setup;
 mod show_frame;
 mod simulate;
 mod track;
@@ -69,8 +74,18 @@ enum Command {
     /// Predict what a real bridge would do under a train, with pictures and tables of values
     #[command(subcommand)]
     Predict(predict::Command),
-    /// Run a logger on this computer, on a TCP line
+    /// Run a logger on this computer, or the firmware image in QEMU, on a TCP line
     Logger(logger::Arguments),
+    /// Attend to many loggers at once, store what they say, take orders for them
+    BaseStation(base_station::Arguments),
+    /// Ask what the base station has stored
+    Query(query::Arguments),
+    /// Make the loggers' keys, and give them to them
+    #[command(subcommand)]
+    Keys(keys::Command),
+    /// Give a logger what it keeps over a restart and watches with, or read it back
+    #[command(subcommand)]
+    Setup(setup::Command),
     /// Measure the firmware image: bytes, and instructions counted in QEMU
     Measure(measure::Arguments),
     /// Build the logger's bridge model, or look into one
@@ -93,6 +108,10 @@ fn dispatch(command: Command) -> Result<()> {
         Command::Evaluate(command) => evaluate::run(&command),
         Command::Predict(command) => predict::run(&command),
         Command::Logger(arguments) => logger::run(&arguments),
+        Command::BaseStation(arguments) => base_station::run(&arguments),
+        Command::Query(arguments) => query::run(&arguments),
+        Command::Keys(command) => keys::run(&command),
+        Command::Setup(command) => setup::run(&command),
         Command::Measure(arguments) => measure::run(&arguments),
         Command::Model(command) => model::run(&command),
         Command::Track(command) => track::run(&command),

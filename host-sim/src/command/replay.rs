@@ -4,22 +4,23 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use host_sim::channel::{self, QemuOptions, Via};
 use host_sim::output;
 use host_sim::recording::Recording;
 use host_sim::replay::{self, Keep, Told};
-use host_sim::station::{Station, store::Store, words};
+use host_sim::station::{store::Store, words};
+
 use serde_json::json;
 use spanwatch::wire::message::{Alert, PassageReport, Quantity, Status, Verdict};
+
+use super::reach::Reach;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// Recordings, each a CSV with a TOML of the same stem beside it
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
-    /// The logger: inproc (in this program), qemu (the firmware image), tcp:HOST:PORT or serial:DEVICE
-    #[arg(long, default_value = "inproc", value_name = "WAY")]
-    via: Via,
+    #[command(flatten)]
+    reach: Reach,
     /// The bridge, where it is not the one that the recording names: a name or a bridge file NAME.toml
     #[arg(long)]
     bridge: Option<String>,
@@ -42,12 +43,6 @@ pub(super) struct Arguments {
     /// Seed of the logger's search
     #[arg(long, default_value_t = replay::DEFAULT_SEED)]
     seed: u64,
-    /// Firmware image for --via qemu [default: target/thumbv7em-none-eabihf/firmware/logger]
-    #[arg(long, value_name = "FILE")]
-    image: Option<PathBuf>,
-    /// With --via qemu: print the logger's own log to standard error
-    #[arg(long)]
-    log: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
@@ -63,13 +58,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             None
         }
     };
-    let mut qemu = QemuOptions {
-        show_log: arguments.log,
-        ..QemuOptions::default()
-    };
-    if let Some(image) = &arguments.image {
-        qemu.image.clone_from(image);
-    }
     // An alert must not be lost because its file turns out to be no place for it; without an alert none is made.
     let mut store = match arguments.database.exists() {
         true => Some(Store::open(&arguments.database)?),
@@ -88,7 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         }
         None => None,
     };
-    let mut station = Station::new(channel::open(&arguments.via, &qemu)?);
+    // The base station has stored what comes through it.
+    let by_station = arguments.reach.by_station();
+    let mut station = arguments.reach.station()?;
     let (mut samples, mut passages, mut alerts) = (0, 0, 0);
     let mut last = None;
     for prepared in &prepared {
@@ -129,10 +119,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                     super::print(&format!("  {}\n", words::track_changed(report, *start_s)))
                 }
             }
-            Told::Alert { alert, start_s } => {
+            Told::Alert { heard, alert, start_s } => {
                 alerts += 1;
                 let text = words::alert(alert);
-                open_store(&mut store, &arguments.database)?.append(&source, *start_s, alert, &text)?;
+                if !by_station {
+                    open_store(&mut store, &arguments.database)?.keep_heard(heard, &source, *start_s)?;
+                }
                 if arguments.json {
                     super::print_json(&alert_json(alert, *start_s, &source))
                 } else {
@@ -183,6 +175,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let stored = match alerts {
         0 => String::new(),
+        _ if by_station => " The base station has stored the alerts.".to_owned(),
         _ => format!(" The alerts are stored in {}.", arguments.database.display()),
     };
     super::print(&format!("{}{stored}\n", words::status(&status)))

@@ -1,28 +1,36 @@
-//! The base station: asks a logger over a [`Channel`], takes what it reports, says it in words ([`words`]) and stores its
-//! alerts ([`store`]).
+//! The base station's side. [`Station`] asks one logger over a [`Channel`] and takes what it reports: what `replay` and the tests use. [`base`]
+//! attends to many loggers at once and stores what they say ([`store`]), as the program `base-station` does. Both have a [`line`] to each
+//! logger; [`words`] say things in sentences.
 
+pub mod base;
+mod console;
+mod line;
 pub mod store;
 pub mod words;
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use spanwatch::bridge::ReducedBridge;
-use spanwatch::session::packet::Welcome;
-use spanwatch::session::{Key, StationEnd, ToStation};
-use spanwatch::wire::frame::Refusal;
+use spanwatch::session::packet::{Hello, Welcome};
+use spanwatch::session::{Device, Key};
+use spanwatch::settings::{Identity, Part};
 use spanwatch::wire::message::{
-    Acknowledgement, Answer, CHUNK_BYTES, Chunk, Configuration, Event, Outcome, PassagePiece, Request, SampleBlock,
-    Status,
+    Acknowledgement, Answer, CHUNK_BYTES, Chunk, Configuration, Event, NewKey, Notice, Outcome, PassagePiece, Request,
+    SampleBlock, SetupRequest, Status,
 };
-use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
 use crate::channel::Channel;
+use crate::keys::KeyRing;
 use crate::model;
+use line::{Desk, Kept, Line, new_series, now_ms};
+use store::Origin;
 
 /// The session is looked at so often.
 const TURN: Duration = Duration::from_millis(100);
+/// A logger that has a new key, or starts again, says hello within this time.
+const SESSION_TIMEOUT: Duration = Duration::from_secs(90);
 /// A request that is not answered is sent again after this time; asking twice does no harm.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 /// So often to a logger that has never answered, ...
@@ -36,64 +44,127 @@ const BUSY_PAUSE: Duration = Duration::from_millis(100);
 /// An identification that takes longer hangs: a 16-car train takes minutes on the slowest board.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(3600);
 
+/// Something that a logger has said on its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Heard {
+    /// Whose it is, and its number.
+    pub origin: Origin,
+    /// As it came.
+    pub message: Vec<u8>,
+    /// What it says.
+    pub notice: Notice,
+}
+
 /// The base station's end of a line to one logger.
 pub struct Station {
-    channel: Box<dyn Channel>,
-    decoder: Decoder,
-    out: FrameBuffer,
+    line: Line,
+    desk: Queue,
     sequence: u32,
-    session: StationEnd,
-    /// Name of the logger's series of numbers, where it has none.
-    stream: u32,
-    /// What the logger has said on its own and nobody has heard, with its number.
-    events: VecDeque<(u32, Event)>,
     /// The number of what was heard last.
     heard: u32,
-    frames: u64,
     /// The last track that was sent to stay.
     track: Option<Vec<u8>>,
 }
 
+/// What the logger has said that nobody has heard.
+struct Queue {
+    keys: KeyRing,
+    /// Name of the logger's series of numbers, where it has none.
+    series: u32,
+    heard: VecDeque<Heard>,
+    /// Messages of another version of the program.
+    unknown: u32,
+    /// A logger, and its key, that the ring does not have.
+    stranger: Option<(Device, u8)>,
+    answer: Option<(u32, Answer)>,
+}
+
+impl Desk for Queue {
+    fn welcome(&mut self, hello: &Hello) -> Option<(Key, Welcome)> {
+        let Some(key) = self.keys.find(hello.device, hello.key) else {
+            self.stranger = Some((hello.device, hello.key));
+            return None;
+        };
+        let stream = if hello.stream == 0 { self.series } else { hello.stream };
+        let welcome = Welcome {
+            stream,
+            stored: 0,
+            time_ms: now_ms(),
+        };
+        Some((key, welcome))
+    }
+
+    fn message(&mut self, origin: Origin, message: &[u8]) -> Kept {
+        match postcard::from_bytes(message) {
+            Ok(notice) => self.heard.push_back(Heard {
+                origin,
+                message: message.to_vec(),
+                notice,
+            }),
+            Err(_) => self.unknown += 1,
+        }
+        Kept::Later
+    }
+
+    /// Somebody else has that on disk.
+    fn lost(&mut self, _logger: Device, _series: u32, _after: u32, _upto: u32) -> bool {
+        true
+    }
+
+    fn answer(&mut self, number: u32, answer: Answer) {
+        self.answer = Some((number, answer));
+    }
+}
+
 impl Station {
-    /// A station at the end of `channel`.
+    /// A station at the end of `channel`, for a logger that nobody gave a key.
     pub fn new(channel: Box<dyn Channel>) -> Self {
+        Self::with_keys(channel, KeyRing::demo())
+    }
+
+    /// A station at the end of `channel`, for the loggers of this ring.
+    pub fn with_keys(channel: Box<dyn Channel>, keys: KeyRing) -> Self {
         Self {
-            channel,
-            decoder: Decoder::new(),
-            out: FrameBuffer::new(),
+            line: Line::new(channel),
+            desk: Queue {
+                keys,
+                series: new_series(),
+                heard: VecDeque::new(),
+                unknown: 0,
+                stranger: None,
+                answer: None,
+            },
             sequence: 0,
-            session: StationEnd::new(),
-            stream: u32::from_le_bytes(chance()) | 1,
-            events: VecDeque::new(),
             heard: 0,
-            frames: 0,
             track: None,
         }
     }
 
     /// Frames of the logger that were accepted.
     pub fn frames(&self) -> u64 {
-        self.frames
+        self.line.frames()
     }
 
-    /// Frames that were refused here.
+    /// Frames that were refused here, and messages that could not be read.
     pub fn rejected(&self) -> u32 {
-        let refusals = self.session.refusals();
-        let refused = (refusals.forged.saturating_add(refusals.replayed)).saturating_add(refusals.unsealed);
-        self.decoder.rejections().total().saturating_add(refused)
+        self.line.rejected().saturating_add(self.desk.unknown)
     }
 
     /// The next thing that the logger has said on its own. The logger keeps it until [`Self::confirm`] says that it is safe here.
-    pub fn next_event(&mut self) -> Option<Event> {
-        let (number, event) = self.events.pop_front()?;
-        self.heard = number;
-        Some(event)
+    pub fn next_heard(&mut self) -> Option<Heard> {
+        let heard = self.desk.heard.pop_front()?;
+        self.heard = heard.origin.number;
+        Some(heard)
     }
 
-    /// Everything that [`Self::next_event`] has given is on disk, or need not be: the logger may forget it.
+    /// What it says.
+    pub fn next_event(&mut self) -> Option<Event> {
+        self.next_heard().map(|heard| heard.notice.event)
+    }
+
+    /// Everything that [`Self::next_heard`] has given is on disk, or need not be: the logger may forget it.
     pub fn confirm(&mut self) -> Result<()> {
-        self.session.stored(self.heard);
-        self.say_what_is_due()
+        self.line.confirm(self.heard)
     }
 
     /// Configures the logger.
@@ -144,10 +215,79 @@ impl Station {
 
     /// What all passages say of the bridge, as the logger keeps it.
     pub fn evidence(&mut self) -> Result<Vec<u8>> {
+        self.fetch_whole(|offset| Request::Evidence { offset })
+    }
+
+    /// A part of the setup that the logger keeps over a restart; nothing where it has none.
+    pub fn setup(&mut self, part: Part) -> Result<Vec<u8>> {
+        self.fetch_whole(|offset| Request::Setup(SetupRequest::Read { part, offset }))
+    }
+
+    /// What the logger is given from now on it also writes to its flash, ...
+    pub fn begin_setup(&mut self) -> Result<()> {
+        self.command(&Request::Setup(SetupRequest::Begin)).map(|_| ())
+    }
+
+    /// ... and starts with from now on.
+    pub fn keep_setup(&mut self) -> Result<()> {
+        self.command(&Request::Setup(SetupRequest::Keep)).map(|_| ())
+    }
+
+    /// The logger goes back to the setup that it keeps.
+    pub fn reload_setup(&mut self) -> Result<()> {
+        self.command(&Request::Setup(SetupRequest::Reload)).map(|_| ())
+    }
+
+    /// The logger forgets what all passages say of the bridge, as after a repair.
+    pub fn clear(&mut self) -> Result<()> {
+        self.command(&Request::Clear).map(|_| ())
+    }
+
+    /// How the logger is.
+    pub fn status(&mut self) -> Result<Status> {
+        match self.ask(&Request::Status)? {
+            Answer::Status(status) => Ok(status),
+            _ => bail!("the logger answers a question with something else: is it of another version?"),
+        }
+    }
+
+    /// The logger starts again. It does not answer that; it says hello when it has.
+    pub fn restart(&mut self) -> Result<()> {
+        self.status()?;
+        self.sequence = self.sequence.wrapping_add(1);
+        self.line.request(self.sequence, &Request::Restart)?;
+        self.wait_for_session()
+    }
+
+    /// Gives the logger another name and key, by which it is asked for a session.
+    pub fn replace_identity(&mut self, identity: &Identity) -> Result<()> {
+        self.command(&Request::Key(NewKey {
+            device: identity.device,
+            number: identity.key_number,
+            key: *identity.key.bytes(),
+        }))?;
+        self.wait_for_session()
+    }
+
+    /// Waits until the logger has begun another session.
+    fn wait_for_session(&mut self) -> Result<()> {
+        let before = self.line.sessions();
+        let deadline = Instant::now() + SESSION_TIMEOUT;
+        while self.line.sessions() == before {
+            if Instant::now() > deadline {
+                bail!("the logger has begun no session for {} s", SESSION_TIMEOUT.as_secs());
+            }
+            self.line.turn(TURN, &mut self.desk)?;
+        }
+        Ok(())
+    }
+
+    /// Fetches something that comes in pieces.
+    fn fetch_whole(&mut self, request: impl Fn(u32) -> Request) -> Result<Vec<u8>> {
         let mut bytes = vec![];
         loop {
             let offset = bytes.len() as u32;
-            let Answer::Evidence(chunk) = self.ask(&Request::Evidence { offset })? else {
+            let Answer::Piece(chunk) = self.ask(&request(offset))? else {
                 bail!("the logger answers a question with something else: is it of another version?");
             };
             bytes.extend_from_slice(&chunk.bytes);
@@ -207,9 +347,14 @@ impl Station {
         Ok(())
     }
 
+    /// The recording ends here; does not wait for what comes of it.
+    pub fn end_passage(&mut self) -> Result<()> {
+        self.command(&Request::Finish).map(|_| ())
+    }
+
     /// Ends the recording and waits until everything in it has been identified.
     pub fn finish(&mut self) -> Result<Status> {
-        self.command(&Request::Finish)?;
+        self.end_passage()?;
         self.wait_until_idle()
     }
 
@@ -217,16 +362,14 @@ impl Station {
     fn wait_until_idle(&mut self) -> Result<Status> {
         let start = Instant::now();
         loop {
-            let Answer::Status(status) = self.ask(&Request::Status)? else {
-                bail!("the logger answers a question with something else: is it of another version?");
-            };
-            if !status.busy && self.events.len() >= status.waiting as usize {
+            let status = self.status()?;
+            if !status.busy && self.desk.heard.len() >= status.waiting as usize {
                 return Ok(status);
             }
             if start.elapsed() > BUSY_TIMEOUT {
                 bail!("the logger has been identifying one passage for an hour");
             }
-            self.listen(BUSY_PAUSE)?;
+            self.line.turn(BUSY_PAUSE, &mut self.desk)?;
         }
     }
 
@@ -246,24 +389,28 @@ impl Station {
     /// Sends a request until it is answered.
     fn ask(&mut self, request: &Request) -> Result<Answer> {
         self.sequence = self.sequence.wrapping_add(1);
-        let tries = if self.frames == 0 { FIRST_TRIES } else { TRIES };
+        let tries = if self.frames() == 0 { FIRST_TRIES } else { TRIES };
         for _ in 0..tries {
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             let mut session = None;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
                 // A logger that has begun a new session may not have heard what was said in the old one.
-                if self.session.is_up() && session != Some(self.session.sessions()) {
-                    session = Some(self.session.sessions());
-                    let frame = (self.session)
-                        .seal(Kind::Request, self.sequence, request, &mut self.out)
-                        .ok()
-                        .context("the request does not fit into a frame")?;
-                    self.channel.send(frame).context("cannot send to the logger")?;
+                if self.line.logger().is_some() && session != Some(self.line.sessions()) {
+                    session = Some(self.line.sessions());
+                    self.line.request(self.sequence, request)?;
                 }
-                if let Some(answer) = self.listen(left)? {
-                    return Ok(answer);
+                self.line.turn(left.min(TURN), &mut self.desk)?;
+                match self.desk.answer.take() {
+                    Some((number, answer)) if number == self.sequence => return Ok(answer),
+                    // An answer to a request that was asked again comes twice.
+                    _ => {}
                 }
             }
+        }
+        if let Some((device, key)) = self.desk.stranger.filter(|_| self.line.sessions() == 0) {
+            bail!(
+                "the logger says that it is number {device} with its key {key}, which the file of keys does not have (host-sim keys)"
+            );
         }
         let refused = match self.rejected() {
             0 => String::new(),
@@ -272,73 +419,10 @@ impl Station {
             }
         };
         bail!(
-            "the logger does not answer: {tries} tries of {} s{refused}",
+            "the logger does not answer: {tries} tries of {} s{refused}; is it switched on, and on the line?",
             ANSWER_TIMEOUT.as_secs()
         );
     }
-
-    fn say_what_is_due(&mut self) -> Result<()> {
-        while let Some(frame) = self.session.poll(now_ms(), &mut self.out) {
-            self.channel.send(frame).context("cannot send to the logger")?;
-        }
-        Ok(())
-    }
-
-    /// Takes what the line gives within `timeout`, or a turn of the session; ends early with the answer to the last request.
-    fn listen(&mut self, timeout: Duration) -> Result<Option<Answer>> {
-        self.say_what_is_due()?;
-        let mut buffer = [0; 1024];
-        let count = self
-            .channel
-            .receive(&mut buffer, timeout.min(TURN))
-            .context("cannot hear the logger")?;
-        let mut found = None;
-        for &byte in &buffer[..count] {
-            let Some(frame) = self.decoder.push(byte) else { continue };
-            self.frames += 1;
-            match self.session.on_frame(frame, now_ms()) {
-                ToStation::Hello(hello) => {
-                    let stream = if hello.stream == 0 { self.stream } else { hello.stream };
-                    let welcome = Welcome {
-                        stream,
-                        stored: 0,
-                        time_ms: now_ms(),
-                    };
-                    let frame = (self.session).welcome(&hello, &Key::DEMO, chance(), welcome, now_ms(), &mut self.out);
-                    if let Some(frame) = frame {
-                        self.channel.send(frame).context("cannot send to the logger")?;
-                    }
-                }
-                ToStation::Parcel { sequence, message, .. } => match postcard::from_bytes(message) {
-                    Ok(event) => self.events.push_back((sequence, event)),
-                    Err(_) => self.decoder.refuse(Refusal::Payload),
-                },
-                // Somebody else has that on disk.
-                ToStation::Lost { acknowledged, .. } => self.session.stored(acknowledged),
-                ToStation::Answer(frame) => match frame.message() {
-                    // An answer to a request that was asked again comes twice.
-                    Some(answer) if frame.sequence == self.sequence => found = Some(answer),
-                    Some(_) => {}
-                    None => self.decoder.refuse(Refusal::Payload),
-                },
-                _ => {}
-            }
-        }
-        Ok(found)
-    }
-}
-
-/// Random bytes.
-fn chance<const N: usize>() -> [u8; N] {
-    let mut bytes = [0; N];
-    getrandom::fill(&mut bytes).expect("the system has random numbers");
-    bytes
-}
-
-/// The clock, ms since 1970.
-fn now_ms() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    since.as_millis() as u64
 }
 
 /// Whether the logger is busy, if it has done what it was asked.
@@ -353,5 +437,6 @@ fn done(answer: Acknowledgement) -> Result<bool> {
             bail!("the logger refuses a piece of the bridge model or the evidence: it is out of order or too long")
         }
         Outcome::Evidence(error) => bail!("the logger refuses the evidence: {error}"),
+        Outcome::Settings(error) => bail!("the logger has not kept it: {error}"),
     }
 }

@@ -29,7 +29,23 @@ pub fn passage(report: &PassageReport, quantities: &[Quantity], start_s: f64, en
     if let Some(peak_m) = peak(Quantity::Displacement) {
         let _ = write!(text, " and {:.3} mm", 1e3 * peak_m);
     }
-    let _ = write!(text, ", level {:.0} dB re 1 µm/s².", report.level_db);
+    let _ = write!(
+        text,
+        ", level {:.0} dB re 1 µm/s².{}",
+        report.level_db,
+        judgement(report)
+    );
+    text
+}
+
+/// A passage, where nothing is known of its recording.
+pub fn verdict(report: &PassageReport) -> String {
+    format!("Passage {}.{}", report.passage, judgement(report))
+}
+
+/// What the logger makes of a passage; begins with a space.
+fn judgement(report: &PassageReport) -> String {
+    let mut text = String::new();
     let _ = match &report.verdict {
         Verdict::Healthy { fit, hidden_permille } => write!(
             text,
@@ -46,7 +62,7 @@ pub fn passage(report: &PassageReport, quantities: &[Quantity], start_s: f64, en
         Verdict::Damaged { fit } => write!(text, " Damage: see the alert; {}.", left(fit)),
         Verdict::NotIdentified(reason) => write!(text, " Nothing was identified: {}.", why(reason)),
     };
-    if let Verdict::Healthy { fit, .. } | Verdict::Undecided { fit, .. } | Verdict::Damaged { fit } = &report.verdict {
+    if let Some(fit) = report.verdict.fit() {
         let _ = write!(text, "{}", changed(fit.change));
     }
     if report.quality.total() > 0 {
@@ -127,7 +143,7 @@ pub fn percent(fraction: f64) -> String {
 }
 
 /// Why nothing was identified.
-fn why(reason: &Reason) -> String {
+pub fn why(reason: &Reason) -> String {
     match reason {
         Reason::NoModel => "the logger has no model of this bridge".to_owned(),
         Reason::NoTraffic => "the logger was not told which train passes".to_owned(),

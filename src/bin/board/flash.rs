@@ -1,4 +1,4 @@
-//! The flash of the outbox: the first 64 KiB of the board's PSRAM, which stand for a NOR flash.
+//! The flash of outbox and settings: the first 88 KiB of the board's PSRAM, which stand for a NOR flash.
 //!
 //! The MPS2 has none that QEMU models. Its PSRAM (16 MiB at 0x21000000, Arm DAI 0386, table 3-1) is memory that no variable is in; QEMU can
 //! lay it on a file (`-object memory-backend-file,..,share=on -machine ..,memory-backend=..`), so that an image that is killed and
@@ -9,8 +9,9 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashEr
 
 const BASE: usize = 0x2100_0000;
 const PAGE_BYTES: usize = 4096;
-const PAGES: usize = 16;
-const BYTES: usize = PAGES * PAGE_BYTES;
+/// Pages of the outbox, and behind them those of the settings.
+const OUTBOX_PAGES: usize = 16;
+const SETTINGS_PAGES: usize = 6;
 
 /// Something outside the flash, or no whole words or pages.
 #[derive(Debug, Clone, Copy)]
@@ -22,13 +23,24 @@ impl NorFlashError for Misuse {
     }
 }
 
-/// The flash. There is one ([`Flash::take`]).
-pub struct Flash(());
+/// A partition of the flash. There are two ([`Flash::take`]).
+pub struct Flash {
+    first: usize,
+    bytes: usize,
+}
 
 impl Flash {
-    /// The flash, for whoever starts the board, which happens once.
-    pub(super) fn take() -> Self {
-        Self(())
+    /// The partitions of outbox and settings, for whoever starts the board, which happens once.
+    pub(super) const fn take() -> (Self, Self) {
+        let outbox = Self {
+            first: 0,
+            bytes: OUTBOX_PAGES * PAGE_BYTES,
+        };
+        let settings = Self {
+            first: outbox.bytes,
+            bytes: SETTINGS_PAGES * PAGE_BYTES,
+        };
+        (outbox, settings)
     }
 
     /// Does something to each byte of a part of the flash.
@@ -39,12 +51,12 @@ impl Flash {
         mut change: impl FnMut(u8, usize) -> Option<u8>,
     ) -> Result<(), Misuse> {
         let from = from as usize;
-        if from.checked_add(length).is_none_or(|end| end > BYTES) {
+        if from.checked_add(length).is_none_or(|end| end > self.bytes) {
             return Err(Misuse);
         }
         for at in 0..length {
-            let byte = core::ptr::with_exposed_provenance_mut::<u8>(BASE + from + at);
-            // SAFETY: it lies in the PSRAM, where there is no variable, and `self` is the only one to touch it.
+            let byte = core::ptr::with_exposed_provenance_mut::<u8>(BASE + self.first + from + at);
+            // SAFETY: it lies in the PSRAM, where there is no variable, in this partition, and `self` is the only one to touch that.
             let before = unsafe { byte.read_volatile() };
             if let Some(after) = change(before, at) {
                 // SAFETY: as above.
@@ -73,7 +85,7 @@ impl ReadNorFlash for Flash {
     }
 
     fn capacity(&self) -> usize {
-        BYTES
+        self.bytes
     }
 }
 

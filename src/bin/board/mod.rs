@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | line to the base station: CMSDK UART0 | 0x40004000, interrupt 0 | `line.rs` |
 //! | time: SysTick, 25 MHz | core | `clock.rs` |
-//! | flash of the outbox: the PSRAM's beginning | 0x21000000 | `flash.rs` |
+//! | flash of outbox and settings: the PSRAM's beginning | 0x21000000 | `flash.rs` |
 //! | watchdog: CMSDK APB watchdog, 25 MHz | 0x40008000, non-maskable interrupt | `watchdog.rs` |
 //! | stack, and the guard below it: MPU | core | `stack.rs` |
 //! | what is left behind by a failure | a few bytes of RAM | `restart.rs` |
@@ -61,9 +61,9 @@ impl Board {
         }
     }
 
-    /// The flash of the outbox; asked for once.
-    #[allow(dead_code, reason = "only the logger has an outbox")]
-    pub fn flash() -> Flash {
+    /// The flash of the outbox and that of the settings; asked for once.
+    #[allow(dead_code, reason = "only the logger has them")]
+    pub fn flash() -> (Flash, Flash) {
         Flash::take()
     }
 
@@ -113,6 +113,10 @@ impl link::Board for Board {
             stack_peak_bytes: stack::peak_bytes(),
             restart: self.restart,
         }
+    }
+
+    fn restart(&mut self) {
+        Self::start_again();
     }
 }
 

@@ -3,23 +3,31 @@
 //! Everything on the line belongs to a [session](crate::session): only a request of the base station that is fresh is looked at. It is answered
 //! by one frame with its number, so a sender that waits for the answer never sends more than the logger can hold; a request that comes again,
 //! because its answer was lost, does no harm. Passages and alerts go by way of the [outbox](crate::outbox): they are on the flash before
-//! they are sent, and stay there until the base station has them on disk.
+//! they are sent, and stay there until the base station has them on disk. What the logger watches with can be kept on the flash, too
+//! ([`setup`]), and so can what it knows of the bridge.
+
+mod setup;
+
+pub use setup::CONFIGURATION_BYTES;
 
 use embedded_storage::nor_flash::NorFlash;
 
 use crate::logger::{Item, Logger};
 use crate::outbox::{Class, Outbox, OutboxError};
 use crate::session::packet::Vitals;
-use crate::session::{Device, Key, LoggerEnd, ToLogger};
+use crate::session::{LoggerEnd, ToLogger};
+use crate::settings::{Identity, Settings};
 use crate::slot::Slot;
 use crate::wire::frame::Refusal;
-use crate::wire::message::{Acknowledgement, Answer, Effort, Event, Outcome, Request, Status};
+use crate::wire::message::{
+    Acknowledgement, Answer, Effort, Event, Notice, Outcome, Request, SetupRequest, SetupState, Status,
+};
 use crate::wire::{Decoder, FrameBuffer, Kind, Rejections};
 
 pub use crate::wire::message::{Health, Restart};
 
-/// Longest event as it lies in the outbox.
-pub const EVENT_BYTES: usize = 256;
+/// Longest notice as it lies in the outbox.
+pub const NOTICE_BYTES: usize = 272;
 
 /// What the logger needs of the board it runs on.
 pub trait Board {
@@ -31,26 +39,8 @@ pub trait Board {
     fn now_ms(&mut self) -> u64;
     /// State that only the board knows.
     fn health(&mut self) -> Health;
-}
-
-/// Who a logger is.
-#[derive(Debug, Clone)]
-pub struct Identity {
-    /// Its number.
-    pub device: Device,
-    /// The number of its key.
-    pub key_number: u8,
-    /// Its key.
-    pub key: Key,
-}
-
-impl Identity {
-    /// Who a logger is that nobody has told: it has the key that everybody knows.
-    pub const DEMO: Self = Self {
-        device: 1,
-        key_number: 0,
-        key: Key::DEMO,
-    };
+    /// The base station asks for a restart; on a board this does not return.
+    fn restart(&mut self);
 }
 
 /// State of the logger and of its line. Large, 106 KiB: it belongs in static memory.
@@ -74,7 +64,9 @@ struct Desk<F> {
 #[derive(Debug, Clone)]
 struct Ends<F> {
     outbox: Outbox<F>,
+    settings: Settings<F>,
     session: LoggerEnd,
+    setup: SetupState,
     /// The flash has failed, and nobody knows what it holds.
     failed: bool,
 }
@@ -106,25 +98,28 @@ impl<F: NorFlash> RemoteLogger<F> {
     }
 
     // Not inlined: what is made here must not stand on the stack under the logger's work.
-    /// Opens the outbox on `flash`, and the line.
+    /// Opens the outbox on `flash` and the line, and goes on with what `settings` keeps. Who the logger is then.
     ///
     /// # Errors
-    /// Those of [`Outbox::open`].
+    /// Those of [`Outbox::open`]; [`OutboxError::Flash`] also if `settings` cannot be read.
     #[inline(never)]
-    pub fn open(&mut self, flash: F, identity: Identity) -> Result<(), OutboxError> {
+    pub fn open(&mut self, flash: F, settings: F) -> Result<Identity, OutboxError> {
         let outbox = Outbox::open(flash)?;
-        let Identity {
-            device,
-            key_number,
-            key,
-        } = identity;
-        let session = LoggerEnd::new(device, key_number, key, outbox.starts());
+        let mut settings = Settings::new(settings);
+        let told = settings.identity().map_err(|_| OutboxError::Flash)?;
+        let identity = told.unwrap_or(Identity::DEMO);
+        let key = identity.key.clone();
+        let session = LoggerEnd::new(identity.device, identity.key_number, key, outbox.starts());
         self.desk.ends = Slot::Full(Ends {
             outbox,
+            settings,
             session,
+            setup: SetupState::default(),
             failed: false,
         });
-        Ok(())
+        self.desk.load_setup();
+        self.desk.restore_evidence();
+        Ok(identity)
     }
 
     /// The recording ends here, as if the base station had said so.
@@ -137,7 +132,9 @@ impl<F: NorFlash> RemoteLogger<F> {
         self.desk.has_failed()
     }
 
+    // Not inlined: a request must not stand on the stack under the search.
     /// Takes bytes from the line and answers the requests that they complete.
+    #[inline(never)]
     pub fn receive(&mut self, bytes: &[u8], board: &mut impl Board) {
         for &byte in bytes {
             let Some(frame) = self.decoder.push(byte) else { continue };
@@ -172,7 +169,7 @@ impl<F: NorFlash> RemoteLogger<F> {
             let effort = &mut self.desk.effort;
             effort.identification_ticks = effort.identification_ticks.saturating_add(ticks);
             effort.longest_slice_ticks = effort.longest_slice_ticks.max(ticks);
-            self.desk.tell();
+            self.desk.tell(board.now_ms());
         }
         self.desk.send_what_is_due(self.decoder.rejections(), board);
         more
@@ -184,17 +181,39 @@ impl<F: NorFlash> Desk<F> {
     #[inline(never)]
     fn answer(&mut self, sequence: u32, request: Request, rejected: u32, board: &mut impl Board) {
         self.frames = self.frames.saturating_add(1);
-        let outcome = match request {
-            Request::Configure(configuration) => {
-                self.logger
-                    .configure(configuration)
-                    .map_or_else(Outcome::Configuration, |()| {
-                        self.effort = Effort::default();
-                        Outcome::Done
-                    })
+        let answer = match request {
+            Request::Evidence { offset } => Answer::Piece(self.logger.give_evidence(offset)),
+            Request::Passage { offset } => Answer::Passage(self.logger.give_passage(offset)),
+            Request::Status => Answer::Status(self.status(rejected, board)),
+            Request::Setup(SetupRequest::Read { part, offset }) => Answer::Piece(self.give_setup(part, offset)),
+            Request::Restart => {
+                self.acknowledge(sequence, Outcome::Done, board);
+                return board.restart();
             }
-            Request::Model(chunk) => self.logger.take_piece(Item::Model, &chunk),
-            Request::Track(chunk) => self.logger.take_piece(Item::Track, &chunk),
+            Request::Key(key) => {
+                let outcome = self.take_key(&key);
+                self.acknowledge(sequence, outcome, board);
+                if outcome == Outcome::Done {
+                    self.use_key(&key);
+                }
+                return;
+            }
+            request => {
+                let outcome = self.obey(request, board);
+                return self.acknowledge(sequence, outcome, board);
+            }
+        };
+        self.send(sequence, &answer, board);
+    }
+
+    // Not inlined, as [`Self::answer`].
+    #[inline(never)]
+    fn obey(&mut self, request: Request, board: &mut impl Board) -> Outcome {
+        match request {
+            Request::Configure(configuration) => self.configure(configuration),
+            Request::Model(chunk) => self.take_piece(Item::Model, &chunk),
+            Request::Track(chunk) => self.take_piece(Item::Track, &chunk),
+            Request::Restore(chunk) => self.logger.take_piece(Item::Evidence, &chunk),
             Request::Samples(block) => {
                 let start = board.ticks();
                 let taken = self.logger.push(block.first_sample, &block.counts);
@@ -202,36 +221,25 @@ impl<F: NorFlash> Desk<F> {
                 self.effort.stream_ticks = self.effort.stream_ticks.saturating_add(ticks);
                 taken.map_or(Outcome::Samples, |()| Outcome::Done)
             }
+            Request::Setup(request) => self.set_up(request),
             Request::Finish => {
                 self.logger.finish();
                 Outcome::Done
             }
-            Request::Evidence { offset } => return self.tell_evidence(offset, sequence, board),
-            Request::Restore(chunk) => self.logger.take_piece(Item::Evidence, &chunk),
-            Request::Passage { offset } => return self.tell_passage(offset, sequence, board),
-            Request::Status => {
-                let answer = Answer::Status(self.status(rejected, board));
-                return self.send(sequence, &answer, board);
+            Request::Clear => {
+                self.logger.clear();
+                self.keep_evidence();
+                Outcome::Done
             }
-        };
+            _ => Outcome::Done,
+        }
+    }
+
+    fn acknowledge(&mut self, sequence: u32, outcome: Outcome, board: &mut impl Board) {
         let busy = self.logger.is_busy();
         let answer = Answer::Acknowledgement(Acknowledgement { outcome, busy });
         self.send(sequence, &answer, board);
-        self.tell();
-    }
-
-    // Not inlined: a piece that no other request needs.
-    #[inline(never)]
-    fn tell_evidence(&mut self, offset: u32, sequence: u32, board: &mut impl Board) {
-        let chunk = self.logger.give_evidence(offset);
-        self.send(sequence, &Answer::Evidence(chunk), board);
-    }
-
-    // Not inlined: a piece that no other request needs.
-    #[inline(never)]
-    fn tell_passage(&mut self, offset: u32, sequence: u32, board: &mut impl Board) {
-        let piece = Answer::Passage(self.logger.give_passage(offset));
-        self.send(sequence, &piece, board);
+        self.tell(board.now_ms());
     }
 
     fn status(&mut self, rejected: u32, board: &mut impl Board) -> Status {
@@ -239,6 +247,7 @@ impl<F: NorFlash> Desk<F> {
         Status {
             waiting: fill.map_or(0, |fill| fill.alerts.saturating_add(fill.reports)),
             track: self.logger.track_state(),
+            setup: self.setup_state(),
             samples: self.logger.samples(),
             passages: self.logger.passages(),
             alerts: self.logger.alerts(),
@@ -254,20 +263,27 @@ impl<F: NorFlash> Desk<F> {
         }
     }
 
-    // Not inlined: an event must not stand on the stack under the search.
+    // Not inlined: a notice must not stand on the stack under the search.
     /// Puts what the logger has to say on the flash.
     #[inline(never)]
-    fn tell(&mut self) {
+    fn tell(&mut self, now_ms: u64) {
+        let mut learnt = false;
         while let Some(event) = self.logger.next_event() {
             log(&event);
+            learnt |= matches!(&event, Event::Passage(report) if report.verdict.fit().is_some());
             let Some(ends) = self.ends.as_mut() else { continue };
             let class = match event {
                 Event::Alert(_) => Class::Alert,
                 Event::Passage(_) | Event::Track(_) => Class::Report,
             };
-            let mut bytes = [0; EVENT_BYTES];
-            // Every event fits: tests/frames.rs writes the largest of each.
-            let Ok(bytes) = postcard::to_slice(&event, &mut bytes) else {
+            let notice = Notice {
+                start: ends.outbox.starts(),
+                uptime_ms: now_ms,
+                event,
+            };
+            let mut bytes = [0; NOTICE_BYTES];
+            // Every notice fits: tests/frames.rs writes the largest of each.
+            let Ok(bytes) = postcard::to_slice(&notice, &mut bytes) else {
                 continue;
             };
             match ends.outbox.append(class, bytes) {
@@ -276,6 +292,9 @@ impl<F: NorFlash> Desk<F> {
                 Err(_) => ends.failed = true,
             }
         }
+        if learnt {
+            self.keep_evidence();
+        }
     }
 
     // Not inlined: a frame that is sealed must not stand on the stack under the search.
@@ -283,7 +302,7 @@ impl<F: NorFlash> Desk<F> {
     #[inline(never)]
     fn send_what_is_due(&mut self, rejections: &Rejections, board: &mut impl Board) {
         let Some(ends) = self.ends.as_mut() else { return };
-        let (passages, alerts) = (self.logger.passages(), self.logger.alerts());
+        let (passages, alerts, setup) = (self.logger.passages(), self.logger.alerts(), ends.setup);
         loop {
             let (now_ms, entropy) = (board.now_ms(), board.ticks());
             let (refusals, offset) = (ends.session.refusals(), ends.session.clock_offset_ms());
@@ -292,6 +311,7 @@ impl<F: NorFlash> Desk<F> {
                 let ledger = outbox.ledger();
                 Vitals {
                     health: board.health(),
+                    setup,
                     passages,
                     alerts,
                     alerts_waiting: fill.alerts,
