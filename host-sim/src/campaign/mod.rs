@@ -5,8 +5,11 @@
 //! | [`power`] | power, at every byte that the outbox writes or erases, also while it recovers | a message lost, given twice or changed, a number used again |
 //! | [`link`] | the line, at every frame, and restarts of both ends | an alert lost, stored twice or wrong |
 //! | [`attack`] | someone replays, splices, forges, floods | anything accepted, or answered at length |
+//! | [`fuzz`] | whatever is read: frames, sealed messages, models, files, flash | a panic, a loop without end, an answer that is none |
 
 pub mod attack;
+pub mod forgery;
+pub mod fuzz;
 pub mod line;
 pub mod link;
 pub mod power;

@@ -43,8 +43,15 @@ const MM: f64 = 1e-3;
 /// # Errors
 /// One sentence that says file, line and column, and what to mend.
 pub fn read(path: &Path) -> Result<Profile> {
+    read_table(path, NumberTable::open(path)?)
+}
+
+/// The same from a table that is open already; errors name `path`.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_table(path: &Path, mut table: NumberTable) -> Result<Profile> {
     let file = path.display();
-    let mut table = NumberTable::open(path)?;
     let layout = Layout::of(table.header()).with_context(|| format!("{file}: line 1"))?;
 
     let mut rails = Rails {
