@@ -177,6 +177,56 @@ fn what_the_flash_has_not_kept_is_told_and_hides_nothing_else() {
     assert_eq!(outbox.ledger().unreadable, 1);
 }
 
+/// A sector's head that is whole, with these words between its magic number and its checksum.
+fn head(words: [u32; 12]) -> Vec<u8> {
+    let mut head = b"SWO\x01".to_vec();
+    head.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    head.extend(spanwatch::wire::CRC32C.checksum(&head).to_le_bytes());
+    head
+}
+
+#[test]
+fn a_sector_that_no_outbox_can_have_begun_is_none() {
+    const HIGH: u32 = u32::MAX;
+    // Order, erasures; acknowledged, leased, collected, alerts up to, reports up to, two counts, starts, stream, 0.
+    for words in [
+        [HIGH, 1, 0, 64, 0, 0, 0, 0, 0, 1, 0, 0],
+        [0, 1, 0, 64, 0, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, HIGH, 64, 0, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, HIGH, 0, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 3, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 65, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 0, HIGH, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 0, 0, HIGH, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 0, 0, 0, 0, HIGH, 0, 0],
+    ] {
+        let mut cells = vec![0xFF; PAGES * 512];
+        let head = head(words);
+        cells[512..512 + head.len()].copy_from_slice(&head);
+        let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+        assert_eq!(outbox.starts(), 1, "{words:?}");
+        let number = outbox.append(Class::Alert, &[7; 20]).expect("room");
+        assert_eq!(contents(&mut outbox), [(number, Class::Alert, 7)], "{words:?}");
+    }
+}
+
+#[test]
+fn no_number_is_given_again_though_the_lease_is_lost() {
+    let mut outbox = outbox();
+    let first = outbox.append(Class::Alert, &[1; 20]).expect("room");
+    let mut cells = outbox.into_flash().cells().to_vec();
+    // The record behind the head, which leased the number, rots.
+    let head = 56;
+    cells[head + 20] ^= 1;
+    let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+    let second = outbox.append(Class::Alert, &[2; 20]).expect("room");
+    assert!(second > first, "{second} behind {first}");
+    assert_eq!(
+        contents(&mut outbox),
+        [(first, Class::Alert, 1), (second, Class::Alert, 2)]
+    );
+}
+
 fn contents_of(outbox: &mut Outbox<Flash>) -> Vec<u8> {
     contents(outbox).iter().map(|&(.., byte)| byte).collect()
 }

@@ -177,9 +177,10 @@ impl<F: NorFlash> Outbox<F> {
             Some(_) => {}
         }
         let state = outbox.journal.state;
-        outbox.last = state.leased;
+        // A flash that has lost a lease may still have what was written under it.
+        outbox.last = state.leased.max(outbox.highest()?);
         outbox.put_state(State {
-            leased: state.leased.saturating_add(LEASE),
+            leased: outbox.last.saturating_add(LEASE),
             starts: state.starts.saturating_add(1),
             ..state
         })?;
@@ -515,18 +516,28 @@ impl<F: NorFlash> Outbox<F> {
         Ok(())
     }
 
+    /// Number of the newest evidence.
     fn newest_evidence(&mut self) -> Result<u32, OutboxError> {
-        let mut newest = 0;
+        self.largest(|kind| kind == Kind::Evidence)
+    }
+
+    /// Largest number of any record, also of those that are not needed any more.
+    fn highest(&mut self) -> Result<u32, OutboxError> {
+        self.largest(|_| true)
+    }
+
+    fn largest(&mut self, counts: impl Fn(Kind) -> bool) -> Result<u32, OutboxError> {
+        let mut largest = 0;
         for index in 0..self.journal.sectors().len() {
             let mut place = None;
             while let Some(next) = self.journal.next(index, place.as_ref())? {
-                if next.head.kind == Kind::Evidence {
-                    newest = newest.max(next.head.sequence);
+                if counts(next.head.kind) {
+                    largest = largest.max(next.head.sequence);
                 }
                 place = Some(next);
             }
         }
-        Ok(newest)
+        Ok(largest)
     }
 
     /// Drops the oldest messages that have to make room for one of `kind`: those in the sector of the oldest; whether there were any.

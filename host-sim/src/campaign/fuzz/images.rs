@@ -161,6 +161,11 @@ impl Used {
     fn work(&mut self, times: u64, chance: &mut Chance) -> Result<(), String> {
         for _ in 0..times {
             self.outbox.flash_mut().left.set(OPERATIONS);
+            let dropped = |outbox: &Outbox<Metered>| {
+                let ledger = outbox.ledger();
+                (ledger.alerts_dropped, ledger.reports_dropped)
+            };
+            let before = dropped(&self.outbox);
             let failed = |error: OutboxError| format!("it opened, and now: {error}");
             match chance.below(8) {
                 0 => {
@@ -197,12 +202,18 @@ impl Used {
                     self.append(class, chance.bytes(some))?;
                 }
             }
+            if dropped(&self.outbox) != before {
+                // The oldest have gone, and are counted: not the one that has just come.
+                let contents = self.contents()?;
+                let last = self.last;
+                self.confirmed
+                    .retain(|number, _| *number == last || contents.contains_key(number));
+            }
         }
         self.compare("after some work")
     }
 
     fn append(&mut self, class: Class, payload: Vec<u8>) -> Result<(), String> {
-        let before = self.outbox.ledger();
         match self.outbox.append(class, &payload) {
             Ok(number) => {
                 must!(number > self.last, "number {number} is given behind {}", self.last);
@@ -211,14 +222,6 @@ impl Used {
             }
             Err(OutboxError::Full) if class == Class::Report => {}
             Err(error) => return Err(format!("it opened, and a message is refused: {error}")),
-        }
-        let after = self.outbox.ledger();
-        if (before.alerts_dropped, before.reports_dropped) != (after.alerts_dropped, after.reports_dropped) {
-            // The oldest have gone, and are counted: not the one that has just come.
-            let contents = self.contents()?;
-            let last = self.last;
-            self.confirmed
-                .retain(|number, _| *number == last || contents.contains_key(number));
         }
         Ok(())
     }

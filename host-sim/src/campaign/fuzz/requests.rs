@@ -432,7 +432,7 @@ fn configuration(chance: &mut Chance) -> Configuration {
             on_ratio: value(chance.pick(&[1.0001, 1.5, 3.0]), chance),
             on_duration_s: value(0.005, chance),
             off_ratio: value(1.0, chance),
-            off_duration_s: value(0.005, chance),
+            off_duration_s: value(chance.pick(&[0.005, 0.13, 0.131, 0.2]), chance),
             floor_mps2: value(1e-4, chance),
             lead_s: value(0.1, chance),
         },

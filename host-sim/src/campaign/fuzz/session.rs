@@ -15,6 +15,8 @@ use crate::campaign::line::Chance;
 use crate::campaign::link::{Backlog, alert};
 
 const DEVICE: u32 = 7;
+/// No clock comes farther, ms: half of what its number can hold.
+const LAST_MS: u64 = u64::MAX / 2;
 /// What happens in a run.
 const EVENTS: u64 = 60;
 /// Frames that an end may have to say at once: a heartbeat, a hello, a window of parcels; a knock, a receipt, the time.
@@ -67,7 +69,11 @@ pub(super) fn run(chance: &mut Chance) -> Result<Counts, String> {
     let key = Key::new(*b"a key of the fuzz campaign only.");
     let mut world = World {
         faulty: chance.pick(&[Faulty::Neither, Faulty::Logger, Faulty::Station]),
-        now_ms: if chance.once_in(10) { whole(chance) } else { 1 },
+        now_ms: if chance.once_in(10) {
+            whole(chance).min(LAST_MS)
+        } else {
+            1
+        },
         chance,
         starts: 1,
         backlog: Backlog::default(),
@@ -94,7 +100,7 @@ impl World<'_> {
     fn event(&mut self) -> Result<(), String> {
         match self.chance.below(24) {
             0 => self.now_ms = self.now_ms.saturating_add(1 + self.chance.below(40_000)),
-            1 if self.chance.once_in(8) => self.now_ms = whole(self.chance),
+            1 if self.chance.once_in(8) => self.now_ms = whole(self.chance).min(LAST_MS),
             2 | 3 => self.backlog.make(1 + self.chance.below(12) as u32),
             4 => self.ask(),
             5 if self.chance.once_in(3) => {
@@ -167,7 +173,8 @@ impl World<'_> {
             let Some(frame) = said.map(<[u8]>::to_vec) else { break };
             must!(
                 spoken < LOGGER_SAYS,
-                "the logger says more than {LOGGER_SAYS} frames at once"
+                "the logger says more than {LOGGER_SAYS} frames at once at {} ms",
+                self.now_ms
             );
             if let Some(hello) = hello_of(&frame) {
                 self.nonces[SAID] = hello.nonce;
