@@ -41,6 +41,12 @@ impl NumberTable {
             .trim(csv::Trim::All)
             .from_reader(source);
         let header = reader.headers().map_err(|error| unreadable(path, &error))?.clone();
+        if header.iter().any(|name| name.contains(['\n', '\r'])) {
+            bail!(
+                "{}: line 1: the name of a column goes on in the next line; close its quotation mark",
+                path.display()
+            );
+        }
         Ok(Self {
             path: path.to_owned(),
             reader,
@@ -85,7 +91,7 @@ impl Row<'_> {
         let text = self.text(column);
         let value: f64 = text
             .parse()
-            .map_err(|_| anyhow!("{}: \"{text}\" is not a number", self.place(column)))?;
+            .map_err(|_| anyhow!("{}: \"{}\" is not a number", self.place(column), text.escape_debug()))?;
         if !value.is_finite() {
             bail!(
                 "{}: {text} is not a finite number; leave the row out instead",

@@ -117,7 +117,7 @@ fn open(cells: Vec<u8>) -> Result<Outbox<Metered>, String> {
 /// An outbox and what must be in it.
 struct Used {
     outbox: Outbox<Metered>,
-    confirmed: BTreeMap<u32, (Class, Vec<u8>)>,
+    confirmed: BTreeMap<u32, Vec<u8>>,
     last: u32,
 }
 
@@ -149,7 +149,7 @@ impl Used {
         let contents = self.contents()?;
         let acknowledged = self.outbox.acknowledged();
         self.confirmed.retain(|&number, _| number > acknowledged);
-        for (number, (_, payload)) in &self.confirmed {
+        for (number, payload) in &self.confirmed {
             must!(
                 contents.get(number) == Some(payload),
                 "{when}, message {number} is missing or another"
@@ -165,7 +165,7 @@ impl Used {
                 let ledger = outbox.ledger();
                 (ledger.alerts_dropped, ledger.reports_dropped)
             };
-            let before = dropped(&self.outbox);
+            let (before, last) = (dropped(&self.outbox), self.last);
             let failed = |error: OutboxError| format!("it opened, and now: {error}");
             match chance.below(8) {
                 0 => {
@@ -205,9 +205,8 @@ impl Used {
             if dropped(&self.outbox) != before {
                 // The oldest have gone, and are counted: not the one that has just come.
                 let contents = self.contents()?;
-                let last = self.last;
                 self.confirmed
-                    .retain(|number, _| *number == last || contents.contains_key(number));
+                    .retain(|number, _| *number > last || contents.contains_key(number));
             }
         }
         self.compare("after some work")
@@ -218,7 +217,7 @@ impl Used {
             Ok(number) => {
                 must!(number > self.last, "number {number} is given behind {}", self.last);
                 self.last = number;
-                self.confirmed.insert(number, (class, payload));
+                self.confirmed.insert(number, payload);
             }
             Err(OutboxError::Full) if class == Class::Report => {}
             Err(error) => return Err(format!("it opened, and a message is refused: {error}")),
