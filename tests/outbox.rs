@@ -211,6 +211,24 @@ fn a_sector_that_no_outbox_can_have_begun_is_none() {
 }
 
 #[test]
+fn of_two_sectors_of_one_order_the_fuller_counts() {
+    let mut outbox = outbox();
+    outbox.append(Class::Alert, &[1; 60]).expect("room");
+    let early = outbox.flash_mut().cells()[..512].to_vec();
+    for message in 2..4 {
+        outbox.append(Class::Alert, &[message; 60]).expect("room");
+    }
+    let mut cells = outbox.into_flash().cells().to_vec();
+    cells[1024..1536].copy_from_slice(&early);
+    let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+    for message in 4..9 {
+        outbox.append(Class::Alert, &[message; 60]).expect("room");
+    }
+    assert_eq!(outbox.ledger(), Ledger::default());
+    assert_eq!(contents_of(&mut outbox), [1, 2, 3, 4, 5, 6, 7, 8]);
+}
+
+#[test]
 fn no_number_is_given_again_though_the_lease_is_lost() {
     let mut outbox = outbox();
     let first = outbox.append(Class::Alert, &[1; 20]).expect("room");

@@ -87,7 +87,7 @@ impl<F: NorFlash> Journal<F> {
             let _ = journal.sectors.push(sector);
             if sector.order > 0 {
                 journal.scan(index)?;
-                journal.forget_twin(index);
+                journal.erase_twin(index)?;
             }
         }
         let orders = journal.sectors.iter().map(|sector| sector.order).enumerate();
@@ -102,15 +102,24 @@ impl<F: NorFlash> Journal<F> {
         Ok(journal)
     }
 
-    /// Of two sectors of one order, which no outbox has made, that with less in it counts for nothing: it would be collected with the other.
-    fn forget_twin(&mut self, index: usize) {
-        let Some((last, earlier)) = self.sectors.get_mut(..=index).and_then(<[Sector]>::split_last_mut) else {
-            return;
+    /// Of two sectors of one order, which no outbox has made, that with less in it is erased: it would be collected with the other, or come
+    /// back after that.
+    fn erase_twin(&mut self, index: usize) -> Result<(), OutboxError> {
+        let Some((last, earlier)) = self.sectors.get(..=index).and_then(<[Sector]>::split_last) else {
+            return Ok(());
         };
-        if let Some(twin) = earlier.iter_mut().find(|twin| twin.order == last.order) {
-            let less = if twin.end < last.end { twin } else { last };
-            less.order = 0;
+        let Some(twin) = earlier.iter().position(|twin| twin.order == last.order) else {
+            return Ok(());
+        };
+        let fuller = earlier.get(twin).is_some_and(|twin| twin.end >= last.end);
+        let less = if fuller { index } else { twin };
+        self.flash
+            .erase(Self::address(less, 0), Self::address(less + 1, 0))
+            .map_err(|_| OutboxError::Flash)?;
+        if let Some(sector) = self.sectors.get_mut(less) {
+            sector.order = 0;
         }
+        Ok(())
     }
 
     /// Finds the end of a sector's records, each read whole, and in the newest sector the newest state.

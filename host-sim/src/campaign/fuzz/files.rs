@@ -200,7 +200,7 @@ fn bridge(text: &str, chance: &mut Chance) -> Result<bool, String> {
     let Some(frame) = sentence(model::file::read(&text))? else {
         return Ok(false);
     };
-    must!(frame.frame.nodes.len() <= 20_000, "{} nodes", frame.frame.nodes.len());
+    must!(frame.frame.nodes.len() <= 2_000, "{} nodes", frame.frame.nodes.len());
     // Some are followed to the logger.
     if frame.frame.nodes.len() > FEW_NODES || !chance.once_in(10) {
         return Ok(true);
