@@ -211,6 +211,50 @@ fn a_sector_that_no_outbox_can_have_begun_is_none() {
 }
 
 #[test]
+fn a_state_that_rots_takes_no_message_with_it() {
+    let mut outbox = outbox();
+    for message in 1..=14_u8 {
+        // One of the first stays, so that its sector is collected.
+        outbox.append(Class::Alert, &[message; 60]).expect("room");
+        if message == 6 {
+            outbox.keep_evidence(&[9; 60]).expect("room");
+        }
+    }
+    let before = contents_of(&mut outbox);
+    let cells = outbox.into_flash().cells().to_vec();
+    let states: Vec<usize> = (0..cells.len() - 16)
+        .step_by(4)
+        .filter(|&at| cells[at..at + 4] == [40, 0, 1, 0x5A])
+        .collect();
+    assert!(!states.is_empty());
+    for at in states {
+        let mut cells = cells.clone();
+        cells[at + 20] ^= 1;
+        let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+        let after = contents_of(&mut outbox);
+        assert!(
+            before.iter().all(|message| after.contains(message)),
+            "{at}: {before:?} {after:?}"
+        );
+    }
+}
+
+#[test]
+fn an_evidence_that_rots_gives_way_to_the_one_before() {
+    let mut outbox = outbox();
+    outbox.keep_evidence(&[1; 60]).expect("room");
+    outbox.append(Class::Alert, &[2; 20]).expect("room");
+    outbox.keep_evidence(&[3; 60]).expect("room");
+    let mut cells = outbox.into_flash().cells().to_vec();
+    let newest = cells.windows(4).rposition(|head| head == [60, 0, 4, 0x5A]);
+    cells[newest.expect("there") + 30] ^= 1;
+    let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+    let mut buffer = [0; 100];
+    assert_eq!(outbox.evidence(&mut buffer), Ok(Some(&[1; 60][..])));
+    assert_eq!(contents_of(&mut outbox), [2]);
+}
+
+#[test]
 fn of_two_sectors_of_one_order_the_fuller_counts() {
     let mut outbox = outbox();
     outbox.append(Class::Alert, &[1; 60]).expect("room");
