@@ -55,6 +55,9 @@ const EVENTS: usize = 6;
 const HIGHEST_RATE_HZ: f32 = 100_000.0;
 /// Fewest samples in the trigger's window: with less one sample could be all of its level.
 const WINDOW_SAMPLES: f32 = 8.0;
+/// Fewest samples that it takes to begin and to end a passage, two of them for rounding: so no block of samples holds the ends of more than
+/// the stream has room for, with one that a gap before it has ended.
+const BEGIN_AND_END_SAMPLES: f32 = 27.0;
 /// Longest time of the trigger that makes sense, s; its largest ratio; and the accelerations between which a count or a quiet
 /// level can lie, m/s².
 const LONGEST_TRIGGER_S: f32 = 300.0;
@@ -79,8 +82,8 @@ pub enum ConfigurationError {
     NoAcceleration,
     /// A channel's count stands for no acceleration (displacement), or its range is empty.
     Scale,
-    /// A time, ratio or level of the trigger is not positive or absurd, it ends above where it begins, or its window holds too
-    /// few samples.
+    /// A time, ratio or level of the trigger is not positive or absurd, it ends above where it begins, or its window, or its beginning
+    /// and end, hold too few samples.
     Trigger,
     /// The anti-alias filter's cut-off is not positive.
     Antialias,
@@ -103,7 +106,7 @@ impl fmt::Display for ConfigurationError {
             Self::Scale => "each channel needs a positive acceleration or displacement per count and a positive full scale",
             Self::Trigger => {
                 "the trigger's times (up to 300 s), ratios (up to 1000) and floor must be positive, on_ratio above 1, off_ratio \
-                 not above it, and its window must hold 8 samples at least: record faster"
+                 not above it, its window must hold 8 samples at least, and on_duration and off_duration together 27: record faster"
             }
             Self::Antialias => "the anti-alias filter's cut-off must be positive",
             Self::Memory => {
@@ -163,7 +166,8 @@ impl Configuration {
             && positive(off_ratio)
             && off_ratio <= on_ratio
             && ACCELERATIONS_MPS2.contains(&floor_mps2)
-            && window_s * self.sample_rate_hz >= WINDOW_SAMPLES;
+            && window_s * self.sample_rate_hz >= WINDOW_SAMPLES
+            && (on_duration_s + off_duration_s) * self.sample_rate_hz >= BEGIN_AND_END_SAMPLES;
         if !believable {
             return Err(ConfigurationError::Trigger);
         }

@@ -10,6 +10,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::bridge::blob::Absurdity;
 use spanwatch::bridge::{BlobError, Damage, ModalBridge, ReducedBridge, blob};
 use spanwatch::capacity::{BASIS, ELEMENTS, MODEL_BLOB_BYTES, MODES};
+use spanwatch::interaction::Scheme;
+use spanwatch::interaction::scheme::ModeSteps;
 use spanwatch::wire::CRC32C;
 
 /// The declared frequencies are printed to six digits.
@@ -234,6 +236,10 @@ fn values_that_no_bridge_has_are_refused_though_their_checksum_is_right() {
         (Absurdity::Stiffness, |b| b.factor_count = 0),
         (Absurdity::PathOrder, |b| b.path.position_m.swap(3, 4)),
         (Absurdity::PathOrder, |b| b.path.position_m[4] = b.path.position_m[3]),
+        // So short an element that its slopes are no numbers.
+        (Absurdity::PathOrder, |b| {
+            b.path.position_m[4] = b.path.position_m[3] + 1e-4
+        }),
         (Absurdity::Path, |b| b.path.position_m[10] = 1e6),
         (Absurdity::Path, |b| b.path.position_m[10] = f32::NAN),
         (Absurdity::Path, |b| b.path.position_m[0] = -1.0),
@@ -265,6 +271,25 @@ fn values_that_no_bridge_has_are_refused_though_their_checksum_is_right() {
         ..bridge
     };
     assert!(blob::read(&blob_of(&renamed)).is_ok(), "a name is no physics");
+}
+
+#[test]
+fn a_mode_that_does_not_swing_at_all_is_stepped_by_numbers() {
+    let h = 2.5e-3_f32;
+    for omega_squared in [4e-3_f32, 500.0, 2e6, 4e13] {
+        for damping in [0.0_f32, 1.0, 2.0 * omega_squared.sqrt(), 1e5, 1e15] {
+            let steps = ModeSteps::<f32, 1>::new(Scheme::Exact, h, &[omega_squared].into(), &[damping].into());
+            let numbers = [steps.beta_h2[0], steps.damping[0], steps.effective[0]];
+            assert!(
+                numbers.iter().all(|value| value.is_finite()),
+                "{omega_squared} {damping}: {numbers:?}"
+            );
+            assert!(
+                steps.effective[0] >= 1.0 || damping == 0.0,
+                "{omega_squared} {damping}: {numbers:?}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Promises of the line: what one end writes the other reads; a changed bit, a cut, garbage or another version is refused
 //! and counted by its reason; the decoder finds its way back at the next frame and never fails.
 
-use host_sim::campaign::attack::stuffed;
+use host_sim::campaign::forgery::stuffed;
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spanwatch::capacity::{CHANNELS, ELEMENTS, PAYLOAD_BYTES};

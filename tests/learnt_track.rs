@@ -114,6 +114,54 @@ fn what_was_changed_on_its_way_is_refused_and_changes_nothing() {
 const ROUNDED: f64 = 1e-5;
 
 #[test]
+fn numbers_that_no_track_has_are_refused() {
+    let refused = |track: &LearntTrack, coefficients: &[f32]| {
+        let mut buffer = [0; TRACK_BLOB_BYTES];
+        let bytes = write(track, coefficients, BRIDGE, &mut buffer).expect("room");
+        let mut read = UNLEARNT.clone();
+        assert_eq!(read_into(bytes, BRIDGE, &mut read), Err(TrackError::Contents));
+        assert_eq!(read, UNLEARNT);
+    };
+    // Curves through knots so close are no numbers.
+    for spacing_m in [1e-38, 1e-20, 1e-3] {
+        let close = Stretch {
+            from_m: 0.0,
+            spacing_m,
+            spans: 20,
+        };
+        let knots = Knots::new(&[close]).expect("knots");
+        let coefficients = coefficients(&knots);
+        let profile = Profile::new(knots, &coefficients);
+        refused(&LearntTrack { profile, ..learnt() }, &coefficients);
+    }
+    // Passages seen against a reference as uncertain as that say nothing that is a number.
+    for (place, value) in [((9, 0), 1e30), ((3, 3), 100.0), ((2, 2), 2e-30)] {
+        let mut track = learnt();
+        track.spread[place] = value;
+        refused(&track, &coefficients(&knots()));
+    }
+}
+
+#[test]
+fn an_evidence_that_another_track_leaves_nothing_of_can_be_gone_on_from() {
+    let mut track = learnt();
+    track.spread = SMatrix::identity() * 5.0;
+    let basis = Basis {
+        bridge: 7,
+        track: 1,
+        spread: &track.spread,
+    };
+    let mut evidence = Evidence::new(Forgetting::NEVER);
+    let mut huge = passages(0.0, 1.0);
+    huge.matrix *= 3e38;
+    evidence.add(&huge);
+    evidence.retire(&track);
+    let mut buffer = [0; EVIDENCE_BYTES];
+    let bytes = evidence.to_bytes(&basis, &mut buffer).expect("room");
+    assert_eq!(Evidence::from_bytes(bytes, &basis, Forgetting::NEVER), Ok(evidence));
+}
+
+#[test]
 fn covariances_of_passages_and_reference_add() {
     let track = learnt();
     let mut normal = chance(3);

@@ -177,6 +177,119 @@ fn what_the_flash_has_not_kept_is_told_and_hides_nothing_else() {
     assert_eq!(outbox.ledger().unreadable, 1);
 }
 
+/// A sector's head that is whole, with these words between its magic number and its checksum.
+fn head(words: [u32; 12]) -> Vec<u8> {
+    let mut head = b"SWO\x01".to_vec();
+    head.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    head.extend(spanwatch::wire::CRC32C.checksum(&head).to_le_bytes());
+    head
+}
+
+#[test]
+fn a_sector_that_no_outbox_can_have_begun_is_none() {
+    const HIGH: u32 = u32::MAX;
+    // Order, erasures; acknowledged, leased, collected, alerts up to, reports up to, two counts, starts, stream, 0.
+    for words in [
+        [HIGH, 1, 0, 64, 0, 0, 0, 0, 0, 1, 0, 0],
+        [0, 1, 0, 64, 0, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, HIGH, 64, 0, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, HIGH, 0, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 3, 0, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 65, 0, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 0, HIGH, 0, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 0, 0, HIGH, 0, 1, 0, 0],
+        [3, 1, 0, 64, 0, 0, 0, 0, 0, HIGH, 0, 0],
+    ] {
+        let mut cells = vec![0xFF; PAGES * 512];
+        let head = head(words);
+        cells[512..512 + head.len()].copy_from_slice(&head);
+        let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+        assert_eq!(outbox.starts(), 1, "{words:?}");
+        let number = outbox.append(Class::Alert, &[7; 20]).expect("room");
+        assert_eq!(contents(&mut outbox), [(number, Class::Alert, 7)], "{words:?}");
+    }
+}
+
+#[test]
+fn a_state_that_rots_takes_no_message_with_it() {
+    // Some of these numbers of messages end just behind a collection.
+    for count in 1..=40_u8 {
+        let mut outbox = outbox();
+        for message in 1..=count {
+            outbox.append(Class::Alert, &[message; 60]).expect("room");
+            if message == 2 {
+                outbox.keep_evidence(&[9; 60]).expect("room");
+            }
+            if message % 5 == 0 {
+                outbox.acknowledge(outbox.acknowledged() + 4).expect("given");
+            }
+        }
+        let before = contents_of(&mut outbox);
+        let cells = outbox.into_flash().cells().to_vec();
+        let states = (0..cells.len() - 16).filter(|&at| cells[at..at + 4] == [40, 0, 1, 0x5A]);
+        for at in states {
+            let mut cells = cells.clone();
+            cells[at + 20] ^= 1;
+            let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+            let after = contents_of(&mut outbox);
+            assert!(
+                before.iter().all(|message| after.contains(message)),
+                "{count}, {at}: {before:?} {after:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn an_evidence_that_rots_gives_way_to_the_one_before() {
+    let mut outbox = outbox();
+    outbox.keep_evidence(&[1; 60]).expect("room");
+    outbox.append(Class::Alert, &[2; 20]).expect("room");
+    outbox.keep_evidence(&[3; 60]).expect("room");
+    let mut cells = outbox.into_flash().cells().to_vec();
+    let newest = cells.windows(4).rposition(|head| head == [60, 0, 4, 0x5A]);
+    cells[newest.expect("there") + 30] ^= 1;
+    let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+    let mut buffer = [0; 100];
+    assert_eq!(outbox.evidence(&mut buffer), Ok(Some(&[1; 60][..])));
+    assert_eq!(contents_of(&mut outbox), [2]);
+}
+
+#[test]
+fn of_two_sectors_of_one_order_the_fuller_counts() {
+    let mut outbox = outbox();
+    outbox.append(Class::Alert, &[1; 60]).expect("room");
+    let early = outbox.flash_mut().cells()[..512].to_vec();
+    for message in 2..4 {
+        outbox.append(Class::Alert, &[message; 60]).expect("room");
+    }
+    let mut cells = outbox.into_flash().cells().to_vec();
+    cells[1024..1536].copy_from_slice(&early);
+    let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+    for message in 4..9 {
+        outbox.append(Class::Alert, &[message; 60]).expect("room");
+    }
+    assert_eq!(outbox.ledger(), Ledger::default());
+    assert_eq!(contents_of(&mut outbox), [1, 2, 3, 4, 5, 6, 7, 8]);
+}
+
+#[test]
+fn no_number_is_given_again_though_the_lease_is_lost() {
+    let mut outbox = outbox();
+    let first = outbox.append(Class::Alert, &[1; 20]).expect("room");
+    let mut cells = outbox.into_flash().cells().to_vec();
+    // The record behind the head, which leased the number, rots.
+    let head = 56;
+    cells[head + 20] ^= 1;
+    let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+    let second = outbox.append(Class::Alert, &[2; 20]).expect("room");
+    assert!(second > first, "{second} behind {first}");
+    assert_eq!(
+        contents(&mut outbox),
+        [(first, Class::Alert, 1), (second, Class::Alert, 2)]
+    );
+}
+
 fn contents_of(outbox: &mut Outbox<Flash>) -> Vec<u8> {
     contents(outbox).iter().map(|&(.., byte)| byte).collect()
 }

@@ -331,6 +331,17 @@ fn a_refusal_names_file_line_and_column() {
             TOML.to_owned(),
             "rec.csv: line 1: column \"acc_node6_mps2\" is there twice",
         ),
+        // A quotation mark that is not closed.
+        (
+            "time_s,\"acc_node6_mps2\n0,1\n0.1,2\n",
+            TOML.to_owned(),
+            "rec.csv: line 1: the name of a column goes on in the next line; close its quotation mark",
+        ),
+        (
+            "time_s,acc_node6_mps2\n0,\"1\n0.1,2\n",
+            TOML.to_owned(),
+            "rec.csv: line 2, column acc_node6_mps2: \"1\\n0.1,2\" is not a number",
+        ),
         (
             "time_s,acc_node6_mps2\n0,1\n0.1,NaN\n",
             TOML.to_owned(),
@@ -340,6 +351,17 @@ fn a_refusal_names_file_line_and_column() {
             "time_s,acc_node6_mps2\n0,1\n0.1,-inf\n",
             TOML.to_owned(),
             "rec.csv: line 3, column acc_node6_mps2: -inf is not a finite number",
+        ),
+        // More samples between two rows than can be counted, and a time between them that is no number.
+        (
+            "time_s,acc_node6_mps2\n0,1\n0.1,1\n0.2,1\n1e300,1\n",
+            TOML.to_owned(),
+            "is not a whole number of intervals",
+        ),
+        (
+            "time_s,acc_node6_mps2\n-1e308,1\n1e308,1\n",
+            TOML.to_owned(),
+            "is not a whole number of intervals",
         ),
         (
             "time_s,acc_node6_mps2\n0,1\n0.1,abc\n",

@@ -205,6 +205,10 @@ fn what_makes_no_sense_is_refused() {
     assert!(refused(|c| c.trigger.off_ratio = 5.0));
     assert!(refused(|c| c.trigger.lead_s = f32::INFINITY));
     assert!(refused(|c| c.trigger.off_duration_s = 1e8));
+    assert!(
+        refused(|c| (c.trigger.on_duration_s, c.trigger.off_duration_s) = (0.05, 0.05)),
+        "more passages may end in one block than there is room for"
+    );
     assert!(refused(|c| c.trigger.on_ratio = 1e20));
     assert!(refused(|c| c.sample_rate_hz = 10.0), "a window of 2 samples");
     assert!(refused(|c| c.antialias_hz = Some(0.0)));
@@ -275,6 +279,15 @@ fn a_sender_that_loses_count_is_told() {
     assert!(logger.push(u64::MAX - 10, &counts[..500]).is_err());
     logger.push(1_000, &counts[1_000..]).expect("goes on");
     assert_eq!(logger.samples(), counts.len() as u64);
+}
+
+#[test]
+fn the_last_samples_that_can_be_counted_are_taken() {
+    let mut logger = Box::new(Logger::new());
+    logger.configure(configuration(1)).expect("sound");
+    assert_eq!(logger.push(u64::MAX - 3, &[1, 2, 3]), Ok(()));
+    assert!(logger.push(u64::MAX, &[4]).is_err());
+    assert_eq!(logger.samples(), 3);
 }
 
 #[test]

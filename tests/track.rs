@@ -446,6 +446,10 @@ fn a_table_that_cannot_be_a_track_is_refused_with_a_sentence_that_says_what_to_m
             "line 4, column x_m: 1 m does not come after 1 m; sort the rows by place, one a place",
         ),
         (
+            rows("0,0\n1,0\n1.00001,0\n2,0\n"),
+            "line 4, column x_m: 1.00001 m lies less than 0.0001 m behind 1 m; check the unit of the column",
+        ),
+        (
             rows("0,0\n1,high\n2,0\n3,0\n"),
             "line 3, column z_irregularity_mm: \"high\" is not a number",
         ),

@@ -73,6 +73,22 @@ impl<const WORD: usize, const PAGE: usize> SimulatedFlash<WORD, PAGE> {
         }
     }
 
+    /// A flash that holds these bytes, whole pages of them. What is not erased counts as programmed.
+    pub fn holding(cells: Vec<u8>, tear: Tear, seed: u64) -> Self {
+        let pages = cells.len() / PAGE;
+        let programmed = cells.chunks(WORD).map(|word| word.iter().any(|&byte| byte != 0xFF));
+        Self {
+            programmed: programmed.collect(),
+            cells,
+            ..Self::new(pages, tear, seed)
+        }
+    }
+
+    /// All that it holds.
+    pub fn cells(&self) -> &[u8] {
+        &self.cells
+    }
+
     /// Words may be programmed twice, as [`MultiwriteNorFlash`] promises.
     pub fn allow_second_write(&mut self) {
         self.second_write = true;

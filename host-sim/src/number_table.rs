@@ -1,6 +1,7 @@
 //! A CSV of numbers under a header, read row by row with errors that say line and column.
 
 use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
@@ -8,7 +9,7 @@ use anyhow::{Context, Result, anyhow, bail};
 /// A CSV that is being read.
 pub struct NumberTable {
     path: PathBuf,
-    reader: csv::Reader<File>,
+    reader: csv::Reader<Box<dyn Read>>,
     header: csv::StringRecord,
     record: csv::StringRecord,
 }
@@ -26,12 +27,26 @@ impl NumberTable {
     /// # Errors
     /// If there is no such file, or it is not text.
     pub fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::of(path, Box::new(file))
+    }
+
+    /// Reads the header of a CSV whose text comes from `source`; its errors name `path`.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn of(path: &Path, source: Box<dyn Read>) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new()
             .flexible(true)
             .trim(csv::Trim::All)
-            .from_path(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
+            .from_reader(source);
         let header = reader.headers().map_err(|error| unreadable(path, &error))?.clone();
+        if header.iter().any(|name| name.contains(['\n', '\r'])) {
+            bail!(
+                "{}: line 1: the name of a column goes on in the next line; close its quotation mark",
+                path.display()
+            );
+        }
         Ok(Self {
             path: path.to_owned(),
             reader,
@@ -76,7 +91,7 @@ impl Row<'_> {
         let text = self.text(column);
         let value: f64 = text
             .parse()
-            .map_err(|_| anyhow!("{}: \"{text}\" is not a number", self.place(column)))?;
+            .map_err(|_| anyhow!("{}: \"{}\" is not a number", self.place(column), text.escape_debug()))?;
         if !value.is_finite() {
             bail!(
                 "{}: {text} is not a finite number; leave the row out instead",

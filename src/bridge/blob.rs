@@ -27,8 +27,9 @@ const FREQUENCY_RANGE_HZ: [f32; 2] = [0.01, 1e6];
 /// Largest believable displacement (kg^-1/2) and slope (kg^-1/2/m) of a mass-normalised shape: those of a point that moves
 /// with a kilogram, and ten radians for each metre of it.
 const MAX_SHAPE: [f32; 2] = [1.0, 10.0];
-/// Longest believable path, m.
+/// Longest believable path, and shortest distance between two of its nodes, m.
 const MAX_LENGTH_M: f32 = 10_000.0;
+const MIN_SPAN_M: f32 = 1e-3;
 
 /// A value that no bridge has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,7 +47,7 @@ pub enum Absurdity {
     Element,
     /// The path is empty, longer than 10 km or does not begin at node 1.
     Path,
-    /// The path's nodes do not ascend.
+    /// The path's nodes do not ascend, by a millimetre at least.
     PathOrder,
     /// There is no place for a sensor.
     Sensors,
@@ -63,7 +64,7 @@ impl fmt::Display for Absurdity {
             Self::Damping => "the damping is negative or keeps the first mode from swinging",
             Self::Element => "it has stiffness for an element that does not exist",
             Self::Path => "the path is empty, longer than 10 km or does not begin at node 1",
-            Self::PathOrder => "the nodes of the path do not ascend",
+            Self::PathOrder => "the nodes of the path do not ascend, by a millimetre at least",
             Self::Sensors => "it has no place for a sensor",
             Self::Stiffness => "the elements' stiffnesses do not add up to the bridge's",
         })
@@ -326,7 +327,7 @@ fn believe(bridge: &ReducedBridge<f32>) -> Result<(), BlobError> {
     if !begins || positions.len() < 2 || positions.iter().any(|x| !(0.0..=MAX_LENGTH_M).contains(x)) {
         return absurd(Absurdity::Path);
     }
-    if !positions.is_sorted_by(|a, b| a < b) {
+    if !positions.is_sorted_by(|a, b| b - a >= MIN_SPAN_M) {
         return absurd(Absurdity::PathOrder);
     }
     if bridge.sensor_count == 0 {

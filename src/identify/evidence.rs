@@ -357,8 +357,13 @@ impl Evidence {
     #[inline(never)]
     fn retired_by(&self, spread: &Spread) -> Retired {
         let by_this = learnt::relative(spread, &self.information());
+        let information = self.earlier.information.plus(&by_this);
+        // Of a track that is uncertain beyond numbers nothing is known.
+        if !information.is_information() || !information.known().contains(&true) {
+            return Retired::NOTHING;
+        }
         Retired(Memory {
-            information: self.earlier.information.plus(&by_this),
+            information,
             passages: self.passages(),
         })
     }

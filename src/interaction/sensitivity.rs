@@ -64,7 +64,7 @@ pub type Wanted = [bool; DERIVATIVES];
 
 /// The unknowns that are `free`, and the loads of the first so many cars.
 pub fn wanted(free: &[bool; UNKNOWNS], cars: usize) -> Wanted {
-    core::array::from_fn(|i| free.get(i).copied().unwrap_or(i - CAR_LOADS < cars))
+    core::array::from_fn(|i| free.get(i).copied().unwrap_or(i < CAR_LOADS + cars))
 }
 
 pub(super) type Cars<T> = TrainSteps<T, CAR_DOFS, CONTACTS, CAR_KINDS>;

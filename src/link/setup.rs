@@ -186,7 +186,7 @@ impl<F: NorFlash> Desk<F> {
         };
         let kept = ends.outbox.keep_evidence(self.logger.evidence_bytes());
         // Without room for it the one before stays.
-        ends.failed |= !matches!(kept, Ok(()) | Err(OutboxError::Full));
+        ends.failed |= !matches!(kept, Ok(()) | Err(OutboxError::Full | OutboxError::TooLong));
     }
 
     // Not inlined, as before.

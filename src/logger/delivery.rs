@@ -207,7 +207,7 @@ impl Logger {
             channels: self.configuration.as_ref().map_or(0, |c| c.channels.len()) as u8,
             total: samples.len() as u32,
             offset,
-            values: (offset as usize..)
+            values: (offset as usize..samples.len())
                 .map_while(|place| samples.get(place))
                 .take(BLOCK_COUNTS)
                 .collect(),

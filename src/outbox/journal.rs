@@ -85,19 +85,41 @@ impl<F: NorFlash> Journal<F> {
             });
             // There is room: there are no more sectors than that.
             let _ = journal.sectors.push(sector);
-            if let Some(head) = head
-                && journal.open.is_none_or(|open| journal.order(open) < head.order)
-            {
-                journal.open = Some(index);
-                journal.state = head.state;
+            if sector.order > 0 {
+                journal.scan(index)?;
+                journal.erase_twin(index)?;
             }
         }
-        for index in 0..journal.sectors.len() {
-            if journal.order(index) > 0 {
-                journal.scan(index)?;
-            }
+        let orders = journal.sectors.iter().map(|sector| sector.order).enumerate();
+        let newest = orders.filter(|&(_, order)| order > 0).max_by_key(|&(_, order)| order);
+        if let Some((index, _)) = newest
+            && let Some(head) = journal.sector_head(index)?
+        {
+            journal.open = Some(index);
+            journal.state = head.state;
+            journal.scan(index)?;
         }
         Ok(journal)
+    }
+
+    /// Of two sectors of one order, which no outbox has made, that with less in it is erased: it would be collected with the other, or come
+    /// back after that.
+    fn erase_twin(&mut self, index: usize) -> Result<(), OutboxError> {
+        let Some((last, earlier)) = self.sectors.get(..=index).and_then(<[Sector]>::split_last) else {
+            return Ok(());
+        };
+        let Some(twin) = earlier.iter().position(|twin| twin.order == last.order) else {
+            return Ok(());
+        };
+        let fuller = earlier.get(twin).is_some_and(|twin| twin.end >= last.end);
+        let less = if fuller { index } else { twin };
+        self.flash
+            .erase(Self::address(less, 0), Self::address(less + 1, 0))
+            .map_err(|_| OutboxError::Flash)?;
+        if let Some(sector) = self.sectors.get_mut(less) {
+            sector.order = 0;
+        }
+        Ok(())
     }
 
     /// Finds the end of a sector's records, each read whole, and in the newest sector the newest state.
@@ -114,7 +136,7 @@ impl<F: NorFlash> Journal<F> {
             end = at;
             if self.open == Some(index)
                 && place.head.kind == Kind::State
-                && let Some(state) = state_of(&payload)
+                && let Some(state) = state_of(&payload, self.order(index))
             {
                 self.state = state;
             }

@@ -24,6 +24,9 @@ pub(super) const RECORD_HEAD_BYTES: usize = 16;
 /// In every record's head, so that neither zeros nor ones are one.
 const MARK: u8 = 0x5A;
 
+/// Orders, numbers and counts beyond are those of no flash: it wears out before. So sums of one more never turn over.
+const MOST: u32 = 3 << 30;
+
 /// What a record is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -69,6 +72,15 @@ pub(super) struct State {
 }
 
 impl State {
+    /// Whether an outbox can have written it into the sector of this order.
+    fn is_believable(&self, order: u32) -> bool {
+        let given = [self.acknowledged, self.alerts_upto, self.reports_upto];
+        let counts = [self.leased, self.starts, self.alerts_dropped, self.reports_dropped];
+        counts.iter().all(|&count| count <= MOST)
+            && given.iter().all(|&number| number <= self.leased)
+            && self.collected < order
+    }
+
     fn to_bytes(self) -> [u8; STATE_BYTES] {
         let words = [
             self.acknowledged,
@@ -136,11 +148,12 @@ impl SectorHead {
         let (erases, rest) = rest.split_first_chunk::<4>()?;
         let state = rest.first_chunk::<STATE_BYTES>()?;
         let valid = u32::from_le_bytes(*magic) == MAGIC && CRC32C.checksum(body).to_le_bytes() == *crc;
-        valid.then(|| Self {
+        let head = Self {
             order: u32::from_le_bytes(*order),
             erases: u32::from_le_bytes(*erases),
             state: State::from_bytes(state),
-        })
+        };
+        (valid && head.order <= MOST && head.state.is_believable(head.order)).then_some(head)
     }
 }
 
@@ -173,10 +186,14 @@ impl RecordHead {
         let [l0, l1, kind, MARK, s0, s1, s2, s3, p0, p1, p2, p3, ..] = *bytes else {
             return None;
         };
+        let sequence = u32::from_le_bytes([s0, s1, s2, s3]);
+        if sequence > MOST {
+            return None;
+        }
         Some(Self {
             length: u16::from_le_bytes([l0, l1]),
             kind: Kind::of(kind)?,
-            sequence: u32::from_le_bytes([s0, s1, s2, s3]),
+            sequence,
             payload_crc: u32::from_le_bytes([p0, p1, p2, p3]),
         })
     }
@@ -207,9 +224,10 @@ impl PayloadCheck {
     }
 }
 
-/// The state of a record of kind [`Kind::State`].
-pub(super) fn state_of(payload: &[u8]) -> Option<State> {
-    payload.first_chunk().map(State::from_bytes)
+/// The state of a record of kind [`Kind::State`] in the sector of this order.
+pub(super) fn state_of(payload: &[u8], order: u32) -> Option<State> {
+    let state = payload.first_chunk().map(State::from_bytes);
+    state.filter(|state| state.is_believable(order))
 }
 
 /// The payload of a record of kind [`Kind::State`].

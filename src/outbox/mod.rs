@@ -169,17 +169,23 @@ impl<F: NorFlash> Outbox<F> {
         outbox.evidence = outbox.newest_evidence()?;
         match outbox.journal.newest() {
             None => outbox.journal.begin(0, State::default())?,
-            // No sector is free only while one is being collected, and then the newest has nothing but copies.
             Some(newest) if outbox.spare(outbox.journal.state)?.is_none() => {
                 let state = outbox.journal.state;
-                outbox.begin(newest, state)?;
+                let room = outbox.journal.room() >= Journal::<F>::record_bytes(STATE_BYTES);
+                match outbox.copied_into(newest)?.filter(|_| room) {
+                    // It was collected; only the word that it was is missing, or has rotted.
+                    Some(collected) => outbox.journal.append_state(State { collected, ..state })?,
+                    // One is being collected, and the newest has nothing but copies.
+                    None => outbox.begin(newest, state)?,
+                }
             }
             Some(_) => {}
         }
         let state = outbox.journal.state;
-        outbox.last = state.leased;
+        // A flash that has lost a lease may still have what was written under it.
+        outbox.last = state.leased.max(outbox.highest()?);
         outbox.put_state(State {
-            leased: state.leased.saturating_add(LEASE),
+            leased: outbox.last.saturating_add(LEASE),
             starts: state.starts.saturating_add(1),
             ..state
         })?;
@@ -515,18 +521,68 @@ impl<F: NorFlash> Outbox<F> {
         Ok(())
     }
 
+    /// The order of a sector all of whose records that are needed are in the sector `newest` as well.
+    fn copied_into(&mut self, newest: usize) -> Result<Option<u32>, OutboxError> {
+        let state = self.journal.state;
+        for index in (0..self.journal.sectors().len()).filter(|&index| index != newest) {
+            let mut place = None;
+            let mut copied = true;
+            while let Some(next) = self.journal.next(index, place.as_ref())? {
+                copied = copied && (!self.lives(&next.head, &state) || self.holds(newest, &next.head)?);
+                place = Some(next);
+            }
+            if copied {
+                return Ok(self.journal.sectors().get(index).map(|sector| sector.order));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether a sector has a record of this kind and number, whole.
+    fn holds(&mut self, sector: usize, head: &RecordHead) -> Result<bool, OutboxError> {
+        let mut place = None;
+        while let Some(next) = self.journal.next(sector, place.as_ref())? {
+            let same = next.head.kind == head.kind && next.head.sequence == head.sequence;
+            if same && self.journal.read_payload(&next, &mut [])? {
+                return Ok(true);
+            }
+            place = Some(next);
+        }
+        Ok(false)
+    }
+
+    /// Number of the newest evidence that can be read, where it will not be erased: one that is needed until it is gone would bring the one
+    /// before it back, and there might be no free sector then.
     fn newest_evidence(&mut self) -> Result<u32, OutboxError> {
         let mut newest = 0;
         for index in 0..self.journal.sectors().len() {
+            let order = self.journal.sectors().get(index).map_or(0, |sector| sector.order);
+            if order == self.journal.state.collected {
+                continue;
+            }
             let mut place = None;
             while let Some(next) = self.journal.next(index, place.as_ref())? {
-                if next.head.kind == Kind::Evidence {
-                    newest = newest.max(next.head.sequence);
+                let newer = next.head.kind == Kind::Evidence && next.head.sequence > newest;
+                if newer && self.journal.read_payload(&next, &mut [])? {
+                    newest = next.head.sequence;
                 }
                 place = Some(next);
             }
         }
         Ok(newest)
+    }
+
+    /// Largest number of any record, also of those that are not needed any more.
+    fn highest(&mut self) -> Result<u32, OutboxError> {
+        let mut highest = 0;
+        for index in 0..self.journal.sectors().len() {
+            let mut place = None;
+            while let Some(next) = self.journal.next(index, place.as_ref())? {
+                highest = highest.max(next.head.sequence);
+                place = Some(next);
+            }
+        }
+        Ok(highest)
     }
 
     /// Drops the oldest messages that have to make room for one of `kind`: those in the sector of the oldest; whether there were any.

@@ -154,9 +154,9 @@ impl Stream {
         }
         let expected = self.next.unwrap_or(first_sample);
         let rows = (counts.len() / channels) as u64;
-        if first_sample.checked_add(rows).is_none_or(|end| end < expected) {
+        let Some(end) = first_sample.checked_add(rows).filter(|&end| end >= expected) else {
             return Err(BlockError::Past);
-        }
+        };
         let gap = first_sample.saturating_sub(expected);
         if gap > self.longest_gap {
             // Too long to be part of a passage.
@@ -168,7 +168,7 @@ impl Stream {
                 self.sample(index, None);
             }
         }
-        for (index, row) in (first_sample..).zip(counts.chunks_exact(channels)) {
+        for (index, row) in (first_sample..end).zip(counts.chunks_exact(channels)) {
             if index >= expected {
                 self.sample(index, Some(row));
                 self.next = Some(index + 1);

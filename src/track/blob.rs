@@ -28,6 +28,8 @@ const CRC_BYTES: usize = 4;
 const HIGHEST_M: f32 = 0.1;
 /// Farthest believable knot, m from node 1.
 const FARTHEST_M: f32 = 10_000.0;
+/// Closest believable knots, m: wheels feel nothing shorter, and farther out `f32` tells none closer apart.
+const CLOSEST_M: f32 = 0.01;
 /// Largest scatter of a logarithm by which anything can be told.
 const WIDEST: f32 = 10.0;
 /// Believable stiffness and damping, as parts of the model's; more is another bridge.
@@ -170,6 +172,7 @@ fn is_believable(layout: &Layout, knots: &Knots<f32>) -> bool {
     let known = |&(floor, part): &(f32, f32)| floor > 0.0 || part > 0.0;
     layout.coefficients.len() == knots.coefficients()
         && knots.extent_m().is_some_and(|[first, last]| near(first) && near(last))
+        && layout.stretches.iter().all(|stretch| stretch.spacing_m >= CLOSEST_M)
         && layout.coefficients.iter().all(|height| height.abs() <= HIGHEST_M)
         && STIFFNESS.contains(&layout.stiffness)
         && DAMPING.contains(&layout.damping)

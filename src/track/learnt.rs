@@ -33,6 +33,9 @@ pub type Spread = SMatrix<f32, ELEMENTS, ELEMENTS>;
 /// Numbers of a triangle.
 pub const TRIANGLE: usize = ELEMENTS * (ELEMENTS + 1) / 2;
 
+/// Standard deviations of a flexibility by which a track can be uncertain: what is beyond is known exactly, or not at all.
+const SPREADS: core::ops::RangeInclusive<f32> = 1e-6..=10.0;
+
 /// A track as it was learnt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearntTrack {
@@ -181,8 +184,8 @@ pub fn unpack(triangle: &[f32]) -> Option<Spread> {
             spread[(i, j)] = values.next()?;
         }
     }
-    let positive = (0..ELEMENTS).all(|e| spread[(e, e)] > 0.0);
-    let sound = triangle.len() == TRIANGLE && triangle.iter().all(|value| value.is_finite());
+    let positive = (0..ELEMENTS).all(|e| SPREADS.contains(&spread[(e, e)]));
+    let sound = triangle.len() == TRIANGLE && triangle.iter().all(|value| value.abs() <= *SPREADS.end());
     (sound && (positive || spread == Spread::zeros())).then_some(spread)
 }
 

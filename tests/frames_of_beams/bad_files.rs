@@ -231,6 +231,15 @@ fn each_bad_file_is_refused_with_what_to_mend() {
 }
 
 #[test]
+fn a_frame_larger_than_its_matrices_could_be_is_refused() {
+    let row = |name: &str| {
+        format!("[[row]]\nname = \"{name}\"\nfirst = 0\nlast = 999\nat_m = [0.0, 0.0, 0.0]\nstep_m = [1.0, 0.0, 0.0]\n")
+    };
+    let found = refusal(&format!("{GOOD}{}{}", row("P"), row("Q")));
+    assert!(found.contains("more than 1500 nodes; divide the beams"), "{found}");
+}
+
+#[test]
 fn a_mechanism_is_refused_by_node_and_direction() {
     // Feet that slide; a beam between two hinges that can spin about its axis; columns on hinges that can fall sideways.
     let sliding = GOOD.replace(

@@ -11,6 +11,7 @@ use spanwatch::session::{Channel, Device, End, Hello, Key, LoggerEnd, StationEnd
 use spanwatch::wire::message::{Request, VERSION};
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
+use super::forgery::{bare, flip, framed, spliced, truncated};
 use super::line::Chance;
 use super::link::Backlog;
 
@@ -323,23 +324,14 @@ impl Scene {
         let frame = match attack {
             Attack::Replay => self.some(to)?,
             Attack::Reflect => self.some(1 - to)?,
-            Attack::Truncate => {
-                let mut bare = bare(&self.some(to)?);
-                let less = 1 + self.chance.below(bare.len() as u64 - 8) as usize;
-                bare.truncate(bare.len() - less);
-                framed(bare)
-            }
+            Attack::Truncate => framed(truncated(bare(&self.some(to)?), &mut self.chance)),
             Attack::Splice => {
                 let (head, rest) = (bare(&self.some(to)?), bare(&self.some(to)?));
-                let cut = self.chance.below(head.len().min(rest.len()) as u64) as usize;
-                framed([&head[..cut], &rest[cut..]].concat())
+                framed(spliced(&head, &rest, &mut self.chance))
             }
             Attack::Change => {
                 let mut bare = bare(&self.some(to)?);
-                for _ in 0..=self.chance.below(3) {
-                    let bit = self.chance.below(8 * bare.len() as u64) as usize;
-                    bare[bit / 8] ^= 1 << (bit % 8);
-                }
+                flip(&mut bare, 3, &mut self.chance);
                 framed(bare)
             }
             Attack::WrongKey => self.sealed_by_another(to),
@@ -396,53 +388,6 @@ impl Scene {
         };
         frame.ok().map(<[u8]>::to_vec)
     }
-}
-
-/// A frame without stuffing, zeros and checksum.
-fn bare(line: &[u8]) -> Vec<u8> {
-    let mut bare = vec![];
-    let mut rest = line.strip_prefix(&[0]).unwrap_or(line);
-    while let Some((&count, after)) = rest.split_first() {
-        if count == 0 {
-            break;
-        }
-        let (block, after) = after.split_at(usize::from(count - 1).min(after.len()));
-        bare.extend_from_slice(block);
-        if count < 255 && after.first().is_some_and(|&next| next != 0) {
-            bare.push(0);
-        }
-        rest = after;
-    }
-    bare.truncate(bare.len().saturating_sub(4));
-    bare
-}
-
-/// A frame of these bytes, its length and checksum made right.
-fn framed(mut bare: Vec<u8>) -> Vec<u8> {
-    bare.resize(bare.len().max(8), 0);
-    let length = (bare.len() - 8) as u16;
-    bare[6..8].copy_from_slice(&length.to_le_bytes());
-    bare.extend_from_slice(&spanwatch::wire::CRC32C.checksum(&bare).to_le_bytes());
-    stuffed(&bare)
-}
-
-/// COBS as its paper defines it, out of place: of the bytes and a zero after them, what lies before each zero behind its count, and what is
-/// longer than 254 in blocks that stand for no zero.
-pub fn stuffed(bare: &[u8]) -> Vec<u8> {
-    let mut line = vec![0];
-    let mut parts = bare.split(|&byte| byte == 0).peekable();
-    while let Some(mut rest) = parts.next() {
-        let zero_follows = parts.peek().is_some();
-        while rest.len() > 254 || (rest.len() == 254 && zero_follows) {
-            line.push(255);
-            line.extend_from_slice(&rest[..254]);
-            rest = &rest[254..];
-        }
-        line.push(rest.len() as u8 + 1);
-        line.extend_from_slice(rest);
-    }
-    line.push(0);
-    line
 }
 
 /// The rows as text.

@@ -70,6 +70,21 @@ impl Chance {
         (self.0.next_u64() >> 11) as f64 * 2.0_f64.powi(-53) < probability
     }
 
+    /// One of `all`, which are some.
+    pub fn pick<T: Copy>(&mut self, all: &[T]) -> T {
+        all[self.below(all.len() as u64) as usize]
+    }
+
+    /// True once in `times`.
+    pub fn once_in(&mut self, times: u64) -> bool {
+        self.below(times) == 0
+    }
+
+    /// Any number.
+    pub fn any(&mut self) -> u64 {
+        self.0.next_u64()
+    }
+
     /// Random bytes.
     pub fn bytes(&mut self, count: usize) -> Vec<u8> {
         (0..count).map(|_| self.0.next_u64() as u8).collect()

@@ -165,7 +165,10 @@ impl Parcels for Backlog {
         let Some(first) = self.waiting.front() else {
             return Ok(None);
         };
-        let Some(&next) = self.waiting.get((sequence + 1).saturating_sub(*first) as usize) else {
+        let Some(&next) = self
+            .waiting
+            .get(sequence.saturating_add(1).saturating_sub(*first) as usize)
+        else {
             return Ok(None);
         };
         buffer[..ALERT_BYTES].copy_from_slice(&alert(next));
@@ -185,7 +188,7 @@ impl Parcels for Backlog {
 }
 
 /// The alert of a number.
-fn alert(number: u32) -> [u8; ALERT_BYTES] {
+pub(super) fn alert(number: u32) -> [u8; ALERT_BYTES] {
     let mut word = u64::from(number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     std::array::from_fn(|_| {
         word = word.rotate_left(7).wrapping_mul(0xD129_0D3B_3BB1_2F35);

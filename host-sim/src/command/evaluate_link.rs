@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use host_sim::campaign::{attack, kill, link, power, sequential};
+use host_sim::campaign::{attack, fuzz, kill, link, power, sequential};
 use host_sim::channel::built_image;
 use host_sim::terminal;
 use serde_json::json;
@@ -14,7 +14,7 @@ pub(super) struct Link {
     /// What goes wrong
     #[arg(long, value_enum, default_value_t = Campaign::Power)]
     campaign: Campaign,
-    /// power: cuts in all; link: alerts in each cell; attack: frames of each kind; kill: kills
+    /// power: cuts in all; link: alerts in each cell; attack: frames of each kind; kill: kills; fuzz: runs in all, or of the one target
     #[arg(long, default_value_t = 1_000_000)]
     number: u64,
     /// Seed of the first run; the same seed makes the same faults
@@ -23,6 +23,12 @@ pub(super) struct Link {
     /// power: what holds the messages
     #[arg(long, value_enum, default_value_t = Store::Outbox)]
     store: Store,
+    /// fuzz: one target only, such as decoder
+    #[arg(long, value_parser = target)]
+    target: Option<fuzz::Target>,
+    /// fuzz: number of the first run of the one target
+    #[arg(long, default_value_t = 0, requires = "target")]
+    first: u64,
     /// Print one JSON array in place of the table
     #[arg(long)]
     json: bool,
@@ -38,6 +44,8 @@ enum Campaign {
     Kill,
     /// Someone replays, reflects, truncates, splices, changes and forges frames
     Attack,
+    /// Frames, sealed messages, models, tracks, evidence, files and flashes are random, changed or absurd
+    Fuzz,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -55,11 +63,15 @@ pub(super) fn run(arguments: &Link) -> Result<()> {
     if arguments.store != Store::Outbox && arguments.campaign != Campaign::Power {
         bail!("--store goes with the campaign power only");
     }
+    if arguments.target.is_some() && arguments.campaign != Campaign::Fuzz {
+        bail!("--target goes with the campaign fuzz only");
+    }
     match arguments.campaign {
         Campaign::Power => power(arguments, arguments.number),
         Campaign::Link => link(arguments),
         Campaign::Attack => attack(arguments),
         Campaign::Kill => kill(arguments),
+        Campaign::Fuzz => fuzz(arguments),
     }
 }
 
@@ -156,6 +168,49 @@ fn attack(arguments: &Link) -> Result<()> {
             "bytes_out": row.bytes_out,
             "amplified": row.amplified,
             "lost": row.lost,
+            "seed": row.seed,
+            "seconds": row.seconds,
+        })
+    };
+    print_json(&rows.iter().map(json).collect())
+}
+
+fn target(name: &str) -> Result<fuzz::Target, String> {
+    let named = fuzz::Target::EACH.into_iter().find(|target| target.name() == name);
+    named.ok_or_else(|| {
+        format!(
+            "the targets are {}",
+            fuzz::Target::EACH.map(fuzz::Target::name).join(", ")
+        )
+    })
+}
+
+fn fuzz(arguments: &Link) -> Result<()> {
+    let bar = terminal::progress(arguments.number, "fuzzing");
+    let done = |runs| bar.inc(runs);
+    let rows = match arguments.target {
+        Some(target) => vec![fuzz::row(
+            target,
+            arguments.first,
+            arguments.number,
+            arguments.seed,
+            done,
+        )],
+        None => fuzz::run(arguments.number, arguments.seed, done),
+    };
+    bar.finish_and_clear();
+    if !arguments.json {
+        return print(&fuzz::table(&rows));
+    }
+    let failure = |failure: &fuzz::Failure| json!({ "run": failure.run, "words": failure.words });
+    let json = |row: &fuzz::Row| {
+        json!({
+            "target": row.target.name(),
+            "runs": row.runs,
+            "accepted": row.counts.accepted,
+            "refused": row.counts.refused,
+            "failed": row.failed,
+            "failures": row.failures.iter().map(failure).collect::<Vec<_>>(),
             "seed": row.seed,
             "seconds": row.seconds,
         })

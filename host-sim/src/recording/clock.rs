@@ -9,6 +9,9 @@
 /// is further off does not tell one sample from the next any more.
 pub const TIME_TOLERANCE: f64 = 0.25;
 
+/// Samples beyond that many are not counted by a time's number.
+const MOST_SAMPLES: u64 = 1 << f64::MANTISSA_DIGITS;
+
 /// Consecutive rows without a gap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Run {
@@ -61,14 +64,18 @@ pub fn runs(times: &[f64]) -> Result<(f64, Vec<Run>), ClockError> {
     let mut index = 0;
     let mut indices = vec![0];
     for difference in &differences {
-        index += ((difference / refined).round() as u64).max(1);
+        index = ((difference / refined).round() as u64).max(1).saturating_add(index);
         indices.push(index);
     }
     let interval_s = (last - first) / index as f64;
     let uneven = times
         .iter()
         .zip(&indices)
-        .position(|(time, &index)| ((time - first) / interval_s - index as f64).abs() > TIME_TOLERANCE);
+        // Times so far apart that their difference is no number make no clock either.
+        .position(|(time, &index)| {
+            let off = ((time - first) / interval_s - index as f64).abs();
+            off > TIME_TOLERANCE || off.is_nan() || index > MOST_SAMPLES
+        });
     if let Some(row) = uneven {
         return Err(ClockError::Uneven {
             row,

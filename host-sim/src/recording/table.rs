@@ -15,9 +15,13 @@ pub const TIME_COLUMN: &str = "time_s";
 const MAX_TIME_DECIMALS: usize = 9;
 
 /// Reads the samples of the channels that `recording` names.
-pub fn read(path: &Path, mut recording: Recording) -> Result<Recording> {
+pub fn read(path: &Path, recording: Recording) -> Result<Recording> {
+    read_table(path, NumberTable::open(path)?, recording)
+}
+
+/// The same from a table that is open already; errors name `path`.
+pub fn read_table(path: &Path, mut table: NumberTable, mut recording: Recording) -> Result<Recording> {
     let file = path.display();
-    let mut table = NumberTable::open(path)?;
     let header = table.header().clone();
     if header.get(0) != Some(TIME_COLUMN) {
         bail!(

@@ -29,6 +29,8 @@ pub const LATERAL_COLUMNS: [&str; 2] = ["y_left_mm", "y_right_mm"];
 pub const LIMIT_MM: f64 = 100.0;
 /// Farthest place from node 1, m. What is farther is a slip of the unit.
 pub const FARTHEST_M: f64 = 1e5;
+/// Points closer than this, m, are a slip: a place is written to as much.
+pub const CLOSEST_M: f64 = 1e-4;
 /// Fewest points.
 pub const FEWEST_POINTS: usize = 4;
 /// A spacing is a gap if it is more than this many times the usual (median) one.
@@ -43,8 +45,15 @@ const MM: f64 = 1e-3;
 /// # Errors
 /// One sentence that says file, line and column, and what to mend.
 pub fn read(path: &Path) -> Result<Profile> {
+    read_table(path, NumberTable::open(path)?)
+}
+
+/// The same from a table that is open already; errors name `path`.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_table(path: &Path, mut table: NumberTable) -> Result<Profile> {
     let file = path.display();
-    let mut table = NumberTable::open(path)?;
     let layout = Layout::of(table.header()).with_context(|| format!("{file}: line 1"))?;
 
     let mut rails = Rails {
@@ -71,6 +80,14 @@ pub fn read(path: &Path) -> Result<Profile> {
         {
             bail!(
                 "{}: {x} m does not come after {before} m; sort the rows by place, one a place",
+                row.place(0)
+            );
+        }
+        if let Some(&before) = rails.x_m.last()
+            && x - before < 0.99 * CLOSEST_M
+        {
+            bail!(
+                "{}: {x} m lies less than {CLOSEST_M} m behind {before} m; check the unit of the column",
                 row.place(0)
             );
         }

@@ -17,6 +17,8 @@ use crate::toml_text;
 const BASIS_MODES: usize = 8;
 /// Elements into which a beam can be divided.
 const MOST_ELEMENTS: usize = 100;
+/// Nodes of a frame: its matrices, whole ones of six times as many rows, take 650 MB each then.
+const MOST_NODES_IN_ALL: usize = 1500;
 /// Nodes of a row.
 const MOST_NODES: u32 = 1000;
 
@@ -267,6 +269,12 @@ impl Builder<'_> {
 
     fn add_node(&mut self, name: String, place_m: Vector3<f64>, span: &Range<usize>) -> Result<usize> {
         let number = self.frame.nodes.len();
+        if number >= MOST_NODES_IN_ALL {
+            bail!(
+                "{}: more than {MOST_NODES_IN_ALL} nodes; divide the beams into fewer elements",
+                self.place(span)
+            );
+        }
         if self.numbers.insert(name.clone(), number).is_some() {
             bail!("{}: node \"{name}\" is there twice: rename one", self.place(span));
         }
