@@ -274,6 +274,22 @@ fn of_two_sectors_of_one_order_the_fuller_counts() {
 }
 
 #[test]
+fn no_number_is_given_again_though_the_newest_sector_is_lost() {
+    let mut outbox = outbox();
+    let last = (0..100).map(|_| outbox.append(Class::Report, &[1; 60]).expect("an older one gives way"));
+    let last = last.last().expect("a hundred");
+    // The newest sector's head rots, and with it its lease, and all that it held.
+    let mut cells = outbox.into_flash().cells().to_vec();
+    let order = |cells: &[u8], page: usize| u32::from_le_bytes(*cells[page * 512 + 4..].first_chunk().expect("a head"));
+    let written = (0..PAGES).filter(|page| cells[page * 512] == b'S');
+    let newest = written.max_by_key(|&page| order(&cells, page)).expect("a sector");
+    cells[newest * 512 + 5] ^= 0x10;
+    let mut outbox = Outbox::open(Flash::holding(cells, ORDERLY, SEED)).expect("it opens");
+    let next = outbox.append(Class::Report, &[1; 60]).expect("room");
+    assert!(next > last, "{next} was given before: the last was {last}");
+}
+
+#[test]
 fn no_number_is_given_again_though_the_lease_is_lost() {
     let mut outbox = outbox();
     let first = outbox.append(Class::Alert, &[1; 20]).expect("room");

@@ -8,8 +8,8 @@ use heapless::Vec;
 
 use super::OutboxError;
 use super::layout::{
-    Kind, PayloadCheck, RECORD_HEAD_BYTES, RecordHead, SECTOR_HEAD_BYTES, STATE_BYTES, SectorHead, State, state_bytes,
-    state_of,
+    Kind, MAGIC, PayloadCheck, RECORD_HEAD_BYTES, RecordHead, SECTOR_HEAD_BYTES, STATE_BYTES, SectorHead, State,
+    state_bytes, state_of,
 };
 
 /// Most sectors of an outbox.
@@ -47,6 +47,8 @@ pub(super) struct Journal<F> {
     open: Option<usize>,
     /// Nothing but erased bytes lie behind its last record.
     blank: bool,
+    /// Sectors whose head is no longer one: cut off while they were begun, or rotten.
+    headless: u32,
     /// As the newest record of it says.
     pub(super) state: State,
 }
@@ -74,10 +76,14 @@ impl<F: NorFlash> Journal<F> {
             sectors: Vec::new(),
             open: None,
             blank: false,
+            headless: 0,
             state: State::default(),
         };
         for index in 0..count.min(MAX_SECTORS) {
             let head = journal.sector_head(index)?;
+            if head.is_none() && journal.had_head(index)? {
+                journal.headless += 1;
+            }
             let sector = head.map_or(Sector::default(), |head| Sector {
                 order: head.order,
                 erases: head.erases,
@@ -178,6 +184,12 @@ impl<F: NorFlash> Journal<F> {
         })
     }
 
+    /// Numbers that may have been given in sectors of which nothing is known any more.
+    pub(super) fn forgotten_numbers(&self) -> u32 {
+        let of_each = F::ERASE_SIZE / RECORD_HEAD_BYTES;
+        self.headless.saturating_mul(of_each as u32)
+    }
+
     fn order(&self, index: usize) -> u32 {
         self.sectors.get(index).map_or(0, |sector| sector.order)
     }
@@ -205,9 +217,16 @@ impl<F: NorFlash> Journal<F> {
     fn sector_head(&mut self, index: usize) -> Result<Option<SectorHead>, OutboxError> {
         let mut bytes = [0; PIECE_BYTES];
         self.read(Self::address(index, 0), &mut bytes)?;
-        Ok(bytes
-            .first_chunk::<SECTOR_HEAD_BYTES>()
-            .and_then(SectorHead::from_bytes))
+        let head = bytes.first_chunk::<SECTOR_HEAD_BYTES>();
+        Ok(head.and_then(SectorHead::from_bytes))
+    }
+
+    /// Whether a sector that has no head may have had one.
+    fn had_head(&mut self, index: usize) -> Result<bool, OutboxError> {
+        let mut bytes = [0; PIECE_BYTES];
+        self.read(Self::address(index, 0), &mut bytes)?;
+        let same = bytes.iter().zip(MAGIC.to_le_bytes()).filter(|(byte, of)| *byte == of);
+        Ok(same.count() >= MAGIC.to_le_bytes().len() - 1)
     }
 
     fn record_at(&mut self, sector: usize, at: u32) -> Result<Option<Place>, OutboxError> {

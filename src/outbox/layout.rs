@@ -14,7 +14,7 @@
 use crate::wire::CRC32C;
 
 /// "SWO" and the version of this layout.
-const MAGIC: u32 = u32::from_le_bytes(*b"SWO\x01");
+pub(super) const MAGIC: u32 = u32::from_le_bytes(*b"SWO\x01");
 /// Bytes of a state.
 pub(super) const STATE_BYTES: usize = 40;
 /// Bytes of a sector's head before padding.

@@ -182,8 +182,9 @@ impl<F: NorFlash> Outbox<F> {
             Some(_) => {}
         }
         let state = outbox.journal.state;
-        // A flash that has lost a lease may still have what was written under it.
-        outbox.last = state.leased.max(outbox.highest()?);
+        // A flash that has lost a lease may still have what was written under it, or have lost that, too.
+        let known = state.leased.max(outbox.highest()?);
+        outbox.last = known.saturating_add(outbox.journal.forgotten_numbers());
         outbox.put_state(State {
             leased: outbox.last.saturating_add(LEASE),
             starts: state.starts.saturating_add(1),
