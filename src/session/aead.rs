@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn any_length_is_sealed_and_opened_as_by_the_crate_that_joins_the_parts() {
-        let byte = |seed: usize, i: usize| (seed * 151 + i * 37 + (i * i >> 3)) as u8;
+        let byte = |seed: usize, i: usize| (seed * 151 + i * 37 + i * i / 8) as u8;
         for length in 0..700 {
             let key: [u8; KEY_BYTES] = core::array::from_fn(|i| byte(length, i));
             let nonce: [u8; NONCE_BYTES] = core::array::from_fn(|i| byte(length + 1, i));
