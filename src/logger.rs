@@ -18,7 +18,7 @@ use heapless::{Deque, Vec};
 use serde::{Deserialize, Serialize};
 
 use crate::bridge::{BlobError, ReducedBridge, blob};
-use crate::capacity::{CARS, CHANNELS};
+use crate::capacity::CARS;
 use crate::guess::{self, FirstGuess, Progress, Unknown};
 use crate::identify::estimate::{CONTRADICTION, Estimate};
 use crate::identify::evidence::{Change, Evidence, EvidenceError, Forgetting};
@@ -214,13 +214,6 @@ impl Configuration {
         bridge: &ReducedBridge<f32>,
         first_sample: u64,
     ) -> Result<Observation<f32>, SetupError> {
-        let sensor = |channel: &Channel| {
-            bridge.sensor_at(channel.node).map(|place| Sensor {
-                place,
-                quantity: channel.quantity,
-            })
-        };
-        let sensors: Option<Vec<Sensor, CHANNELS>> = self.channels.iter().map(sensor).collect();
         let first_s = first_sample as f64 / f64::from(self.sample_rate_hz);
         let train = PlanarTrain::of_kind(traffic.train, traffic.cars.into()).ok_or(SetupError::Cars)?;
         let run = Run {
@@ -234,7 +227,13 @@ impl Configuration {
             },
             ..Run::at(traffic.speed_mps.unwrap_or(guess::LOWEST_SPEED_MPS))
         };
-        let sensors = sensors.ok_or(SetupError::NoSuchSensor)?;
+        let mut sensors = Vec::new();
+        for channel in &self.channels {
+            let place = bridge.sensor_at(channel.node).ok_or(SetupError::NoSuchSensor)?;
+            let quantity = channel.quantity;
+            // There is room for every channel's.
+            let _ = sensors.push(Sensor { place, quantity });
+        }
         let recorder = Recorder::new(sensors, self.sample_rate_hz, self.antialias_hz);
         let mut observation = Observation::new(train, run, recorder, Scheme::Exact)?;
         observation.ranges = traffic.ranges;

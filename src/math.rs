@@ -8,7 +8,7 @@
 //! [`micromath`] is faster and coarser: its square root is off by up to 6 %, its logarithm by 0.12. It serves only
 //! [`level_db`], a number for the eye.
 
-use nalgebra::{RealField, SVector};
+use nalgebra::{RealField, SMatrix, SVector};
 
 /// The two number types that the physics is written for.
 pub trait Real: RealField + Copy + Into<f64> {
@@ -68,6 +68,11 @@ impl Real for f64 {
 pub fn entries<T: Real, const N: usize>(vector: &SVector<T, N>) -> &[T; N] {
     let [entries] = &vector.data.0;
     entries
+}
+
+/// A matrix's columns.
+pub fn columns<T: Real, const R: usize, const C: usize>(matrix: &SMatrix<T, R, C>) -> &[[T; R]; C] {
+    &matrix.data.0
 }
 
 /// `sum_i a_i b_i`, written out: short rows become straight code without calls.

@@ -1,11 +1,11 @@
-//! How much memory the firmware image takes.
+//! What is in the firmware image: how much memory it takes, and whether it can panic.
 
 use std::fs;
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use object::elf::{SHF_ALLOC, SHF_EXECINSTR, SHF_WRITE, SHT_NOBITS};
-use object::{File, Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind};
+use object::{File, Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind};
 
 /// Sizes of an image's parts in bytes, counted as the program `size` does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -28,13 +28,7 @@ impl Sizes {
     /// # Errors
     /// The file is missing or no ELF file.
     pub fn of(path: &Path) -> anyhow::Result<Self> {
-        let bytes = fs::read(path).with_context(|| {
-            format!(
-                "the image {} cannot be read; `sh tests/build-firmware.sh` builds it",
-                path.display()
-            )
-        })?;
-        Self::in_elf(&bytes).with_context(|| format!("{} is no ELF image", path.display()))
+        Self::in_elf(&read(path)?).with_context(|| format!("{} is no ELF image", path.display()))
     }
 
     /// Sizes of the image whose ELF file is `bytes`.
@@ -84,4 +78,41 @@ impl Sizes {
     pub fn ram(&self) -> u64 {
         self.data + self.bss
     }
+}
+
+/// Parts of the names of functions that end in a panic. The first is what every panic calls: where it is not linked, nothing can panic;
+/// the others, from the core library, tell what kind of panic it is.
+const PANICKING: [&str; 5] = [
+    "rust_begin_unwind",
+    "4core9panicking",
+    "unwrap_failed",
+    "expect_failed",
+    "slice_index_fail",
+];
+
+/// Names of the functions in the image at `path` by which it can panic, as the linker has them; none if it cannot.
+///
+/// # Errors
+/// The file is missing, no ELF file, or its names were taken out.
+pub fn panicking(path: &Path) -> anyhow::Result<Vec<String>> {
+    let bytes = read(path)?;
+    let elf = File::parse(&*bytes).with_context(|| format!("{} is no ELF image", path.display()))?;
+    let functions = elf.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text);
+    let names: Vec<&str> = functions.map(|symbol| symbol.name()).collect::<Result<_, _>>()?;
+    ensure!(
+        names.contains(&"main"),
+        "{} does not name its functions, so nobody can tell whether it panics",
+        path.display()
+    );
+    let panics = |name: &&str| PANICKING.iter().any(|part| name.contains(part));
+    Ok(names.into_iter().filter(panics).map(str::to_owned).collect())
+}
+
+fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+    fs::read(path).with_context(|| {
+        format!(
+            "the image {} cannot be read; `sh tests/build-firmware.sh` builds it",
+            path.display()
+        )
+    })
 }

@@ -4,6 +4,7 @@ pub mod batch;
 pub mod calibrate;
 pub mod campaign;
 pub mod channel;
+pub mod cost;
 pub mod crossing;
 pub mod evaluate;
 pub mod flash;

@@ -1,5 +1,5 @@
-//! A third image for the same board: counts what a step of the solver costs there, by the number of cars on the bridge.
-//! `tests/instructions.rs` holds the counts to their limits.
+//! A third image for the same board: counts what a step of the solver costs there, by the number of cars on the bridge, and what an
+//! alert's frame does. `tests/instructions.rs` holds the counts to their limits.
 //!
 //! The steps alone are counted: no search, no eigenproblem, no recorder's filter. The bridge is a simply supported beam in
 //! closed form, for what a step costs does not depend on the bridge's numbers.
@@ -8,6 +8,9 @@
 //! and `S` over a learnt one. The answer, behind one byte that gives its length, is in postcard: for 0, 1, .. [`CARS_ON_BRIDGE`] cars
 //! on the bridge the number of such steps and the ticks that they took; and the same of the step in which the first car comes, with
 //! its whole approach.
+//!
+//! The byte `l` orders an alert's frame on the line: sealed by a session as it leaves the outbox, and the same in the clear. The answer
+//! is in postcard, too: how often each was written and read; then for each its bytes, and the ticks of all writing and all reading.
 #![no_std]
 #![no_main]
 
@@ -16,15 +19,19 @@ mod board;
 use board::Board;
 use core::f32::consts::{PI, TAU};
 use nalgebra::SVector;
+use serde::Serialize;
 use spanwatch::bridge::ModalBridge;
 use spanwatch::capacity::{CARS, CARS_ON_BRIDGE, CHANNELS, MODES, PATH_NODES, PROFILE_COEFFICIENTS};
 use spanwatch::interaction::scheme::CORNER_STEPS;
 use spanwatch::interaction::{PlanarInteraction, Run, Scheme, TrainSteps};
 use spanwatch::link::Board as _;
+use spanwatch::session::packet::NONCE_BYTES;
+use spanwatch::session::{Channel, End, Key};
 use spanwatch::track::profile::{Knots, Profile, Stretch};
 use spanwatch::track::{Smooth, Track};
 use spanwatch::train::PlanarTrain;
 use spanwatch::wire::message::TrainKind;
+use spanwatch::wire::{Decoder, Frame, FrameBuffer, Kind};
 
 /// No stretch of steps takes nearly as long.
 const LONGEST_TURN_S: u32 = 60;
@@ -46,11 +53,19 @@ const QUIET_STEPS: u32 = 400;
 const APPROACH: (f32, f32, u16) = (-139.0, 4.0, 34);
 const BRIDGE: (f32, f32, u16) = (-3.0, 0.5, 108);
 const BEHIND: (f32, f32, u16) = (51.0, 3.0, 8);
+/// Times that each frame is written and read.
+const ROUNDS: u32 = 64;
+/// A parcel's head, and an alert of ten elements.
+const PARCEL_BYTES: usize = 8 + 96;
+
 /// Height of the rails, m.
 const HEIGHT_M: f32 = 1e-3;
 
 /// Steps with equally many cars on the bridge, and their ticks.
 type Count = (u32, u64);
+
+/// Bytes of a frame on the line, and ticks of all writing and of all reading.
+type FrameCost = (u32, u64, u64);
 
 /// Counts by the number of cars on the bridge, and that of the approach.
 type Counts = ([Count; CARS_ON_BRIDGE + 1], Count);
@@ -66,23 +81,84 @@ fn main() -> ! {
             board.sleep();
         }
         for byte in bytes {
-            let kind = match byte.to_ascii_lowercase() {
-                b'i' => TrainKind::Inspection2Dof,
-                b's' => TrainKind::Shinkansen3d,
-                _ => continue,
-            };
-            let counts = if byte.is_ascii_lowercase() {
-                passage(kind, &Smooth, &mut board)
-            } else {
-                passage(kind, &rails(), &mut board)
-            };
-            let mut answer = [0; 128];
-            if let Ok(answer) = postcard::to_slice(&counts, &mut answer) {
-                board.send(&[answer.len() as u8]);
-                board.send(answer);
+            let (inspection, shinkansen) = (TrainKind::Inspection2Dof, TrainKind::Shinkansen3d);
+            match byte {
+                b'i' => tell(&passage(inspection, &Smooth, &mut board), &mut board),
+                b's' => tell(&passage(shinkansen, &Smooth, &mut board), &mut board),
+                b'I' => tell(&passage(inspection, &rails(), &mut board), &mut board),
+                b'S' => tell(&passage(shinkansen, &rails(), &mut board), &mut board),
+                b'l' => tell(&frames(&mut board), &mut board),
+                _ => {}
             }
         }
     }
+}
+
+fn tell(counts: &impl Serialize, board: &mut Board) {
+    let mut answer = [0; 128];
+    if let Ok(answer) = postcard::to_slice(counts, &mut answer) {
+        board.send(&[answer.len() as u8]);
+        board.send(answer);
+    }
+}
+
+/// Writes and reads an alert's frame again and again, sealed and in the clear.
+#[inline(never)]
+fn frames(board: &mut Board) -> (u32, [FrameCost; 2]) {
+    let (logger, station) = ([1; NONCE_BYTES], [2; NONCE_BYTES]);
+    let mut sender = Channel::new(End::Logger, &Key::DEMO, &logger, &station);
+    let mut receiver = Channel::new(End::Station, &Key::DEMO, &logger, &station);
+    let (mut buffer, mut decoder) = (FrameBuffer::new(), Decoder::new());
+    let parcel: [u8; PARCEL_BYTES] = core::array::from_fn(|i| i as u8);
+    let fill = |room: &mut [u8]| {
+        room.get_mut(..PARCEL_BYTES)?.copy_from_slice(&parcel);
+        Some(PARCEL_BYTES)
+    };
+    let (mut sealed, mut clear) = ((0, 0, 0), (0, 0, 0));
+    for number in 0..ROUNDS {
+        board.feed_watchdog();
+        let start = board.ticks();
+        let written = sender.next_counter().map(|counter| {
+            let seal = |bytes: &mut [u8]| sender.seal(Kind::Sealed as u8, counter, bytes);
+            buffer.write_sealed(counter, Kind::Parcel, number, fill, seal)
+        });
+        let Some(Ok(line)) = written else { break };
+        let between = board.ticks();
+        let opened = decode(&mut decoder, line).and_then(|frame| {
+            let (kind, counter) = (frame.kind as u8, frame.sequence);
+            frame.open(|bytes, tag| receiver.open(kind, counter, bytes, tag).is_ok())
+        });
+        if opened.is_none_or(|frame| frame.payload() != parcel) {
+            break;
+        }
+        add(&mut sealed, line, [start, between, board.ticks()]);
+
+        let start = board.ticks();
+        let Ok(line) = buffer.write_with(Kind::Event, number, fill) else {
+            break;
+        };
+        let between = board.ticks();
+        if decode(&mut decoder, line).is_none_or(|frame| frame.payload() != parcel) {
+            break;
+        }
+        add(&mut clear, line, [start, between, board.ticks()]);
+    }
+    (ROUNDS, [sealed, clear])
+}
+
+/// The frame that the bytes of a line end with.
+fn decode<'d>(decoder: &'d mut Decoder, line: &[u8]) -> Option<Frame<'d>> {
+    let (last, others) = line.split_last()?;
+    for &byte in others {
+        decoder.push(byte);
+    }
+    decoder.push(*last)
+}
+
+fn add((bytes, write, read): &mut FrameCost, line: &[u8], [start, between, end]: [u64; 3]) {
+    *bytes = line.len() as u32;
+    *write += between.saturating_sub(start);
+    *read += end.saturating_sub(between);
 }
 
 /// Counts the steps of a passage of the longest train; a count for each number of cars on the bridge.

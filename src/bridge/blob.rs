@@ -10,6 +10,7 @@
 use core::fmt;
 
 use heapless::{String, Vec};
+use nalgebra::SVectorViewMut;
 use serde::{Deserialize, Serialize};
 
 use super::ReducedBridge;
@@ -229,12 +230,12 @@ fn count(body: &mut &[u8], most: usize) -> Result<usize, BlobError> {
 }
 
 /// A vector of the basis's length into a column.
-fn column(body: &mut &[u8], basis: usize, target: &mut [f32]) -> Result<(), BlobError> {
+fn column(body: &mut &[u8], basis: usize, mut target: SVectorViewMut<'_, f32, BASIS>) -> Result<(), BlobError> {
     let vector: Vector = next(body)?;
     if vector.len() != basis {
         return Err(BlobError::Malformed);
     }
-    fill(target, &vector);
+    fill(target.as_mut_slice(), &vector);
     Ok(())
 }
 
@@ -250,21 +251,24 @@ fn unpack(mut body: &[u8], bridge: &mut ReducedBridge<f32>) -> Result<(), BlobEr
     fill(bridge.lambda.as_mut_slice(), &lambda);
     bridge.elements = usize::from(next::<u8>(body)?);
     bridge.factor_count = count(body, FACTORS)?;
-    for f in 0..bridge.factor_count {
-        bridge.factor_element[f] = next(body)?;
-        column(body, basis, bridge.factors.column_mut(f).as_mut_slice())?;
+    let factors = bridge.factor_element.iter_mut().zip(bridge.factors.column_iter_mut());
+    for (element, factor) in factors.take(bridge.factor_count) {
+        *element = next(body)?;
+        column(body, basis, factor)?;
     }
     let path = &mut bridge.path;
     path.nodes = count(body, PATH_NODES)?;
-    for i in 0..path.nodes {
-        path.position_m[i] = next(body)?;
-        column(body, basis, path.displacement.column_mut(i).as_mut_slice())?;
-        column(body, basis, path.slope.column_mut(i).as_mut_slice())?;
+    let shapes = path.displacement.column_iter_mut().zip(path.slope.column_iter_mut());
+    for (position_m, (displacement, slope)) in path.position_m.iter_mut().zip(shapes).take(path.nodes) {
+        *position_m = next(body)?;
+        column(body, basis, displacement)?;
+        column(body, basis, slope)?;
     }
     bridge.sensor_count = count(body, SENSOR_PLACES)?;
-    for s in 0..bridge.sensor_count {
-        bridge.sensor_node[s] = next(body)?;
-        column(body, basis, bridge.sensors.column_mut(s).as_mut_slice())?;
+    let sensors = bridge.sensor_node.iter_mut().zip(bridge.sensors.column_iter_mut());
+    for (node, shape) in sensors.take(bridge.sensor_count) {
+        *node = next(body)?;
+        column(body, basis, shape)?;
     }
     if body.is_empty() {
         Ok(())
@@ -276,8 +280,8 @@ fn unpack(mut body: &[u8], bridge: &mut ReducedBridge<f32>) -> Result<(), BlobEr
 /// Refuses values that no bridge has.
 fn believe(bridge: &ReducedBridge<f32>) -> Result<(), BlobError> {
     let absurd = |what| Err(BlobError::Absurd(what));
-    let (n, path) = (bridge.basis, &bridge.path);
-    let lambda = &bridge.lambda.as_slice()[..n.min(BASIS)];
+    let (n, path) = (bridge.basis.min(BASIS), &bridge.path);
+    let lambda = &bridge.lambda.as_slice()[..n];
     let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
     let shapes = [
         bridge.factors.as_slice(),

@@ -27,7 +27,7 @@ use heapless::String;
 use nalgebra::{ArrayStorage, SMatrix, SVector};
 
 use crate::capacity::{BASIS, ELEMENTS, FACTORS, PATH_NODES, SENSOR_PLACES};
-use crate::math::Real;
+use crate::math::{Real, columns};
 
 pub use blob::BlobError;
 pub use modes::{Eigenmodes, ModalBridge};
@@ -136,6 +136,15 @@ impl<T: Real> ReducedBridge<T> {
     /// The sensor place at a bridge node, if there is one.
     pub fn sensor_at(&self, node: u16) -> Option<usize> {
         self.sensor_node.iter().take(self.sensor_count).position(|&n| n == node)
+    }
+
+    /// How far each vector of the basis moves a sensor place, kg^-1/2; a place that is not there does not move.
+    pub fn sensor(&self, place: usize) -> SVector<T, BASIS> {
+        columns(&self.sensors)
+            .get(place)
+            .copied()
+            .unwrap_or([T::ZERO; BASIS])
+            .into()
     }
 
     /// The same model in the other precision.

@@ -12,7 +12,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::{Damage, ReducedBridge};
 use crate::capacity::{BASIS, CHANNELS, ELEMENTS, FACTORS, PATH_NODES};
-use crate::math::{Real, entries};
+use crate::math::{Real, columns, entries};
 
 /// Sweeps after which the rotation stops in any case; convergence is quadratic and takes about 6.
 const MAX_SWEEPS: usize = 15;
@@ -39,10 +39,10 @@ pub struct ModalBridge<T: Real, const M: usize> {
 /// All modes of the bridge with one damage pattern, in the model's basis.
 #[derive(Debug, Clone)]
 pub struct Eigenmodes<T: Real> {
-    eigenvalues: SVector<T, BASIS>,
-    /// A mode each column.
-    vectors: SMatrix<T, BASIS, BASIS>,
-    /// Columns by ascending eigenvalue.
+    eigenvalues: [T; BASIS],
+    /// The mode of each eigenvalue.
+    vectors: [[T; BASIS]; BASIS],
+    /// Numbers of the modes by ascending eigenvalue.
     order: [usize; BASIS],
     count: usize,
 }
@@ -67,39 +67,50 @@ impl<T: Real> Remainder<T> {
 impl<T: Real> Eigenmodes<T> {
     /// The modes of `bridge` with `damage`.
     pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>) -> Self {
+        let count = bridge.basis.min(BASIS);
         let mut modes = Self {
-            eigenvalues: SVector::zeros(),
-            vectors: SMatrix::identity(),
+            eigenvalues: [T::zero(); BASIS],
+            vectors: *columns(&SMatrix::identity()),
             order: core::array::from_fn(|i| i),
-            count: bridge.basis.min(BASIS),
+            count,
         };
         let mut matrix = SMatrix::identity();
         stiffness(bridge, damage, &mut matrix);
-        eigen(&mut matrix, &mut modes.vectors, modes.count);
-        modes.eigenvalues = matrix.diagonal();
+        eigen(&mut matrix, &mut modes.vectors, count);
+        modes.eigenvalues = *entries(&matrix.diagonal());
         let eigenvalues = &modes.eigenvalues;
-        modes.order[..modes.count].sort_unstable_by(|&a, &b| {
-            eigenvalues[a]
-                .partial_cmp(&eigenvalues[b])
-                .unwrap_or(core::cmp::Ordering::Equal)
+        modes.order[..count].sort_unstable_by(|&a, &b| {
+            (eigenvalues.get(a).partial_cmp(&eigenvalues.get(b))).unwrap_or(core::cmp::Ordering::Equal)
         });
         modes
     }
 
+    /// The modes that there are by ascending eigenvalue: each with its squared circular frequency, rad²/s².
+    fn ascending(&self) -> impl Iterator<Item = (T, SVector<T, BASIS>)> {
+        let mode = |&number: &usize| {
+            let (&value, &vector) = self.eigenvalues.get(number).zip(self.vectors.get(number))?;
+            Some((value, vector.into()))
+        };
+        self.order.iter().take(self.count).filter_map(mode)
+    }
+
     /// Squared circular frequencies of the lowest `M` modes, rad²/s². A mode that does not exist gets the first one's.
     fn omega_squared<const M: usize>(&self) -> SVector<T, M> {
-        SVector::from_fn(|k, _| self.eigenvalues[self.order[if k < self.count { k } else { 0 }]])
+        let lowest = self.ascending().next().map_or(T::zero(), |(value, _)| value);
+        let mut omega_squared = SVector::<T, M>::repeat(lowest);
+        for (to, (value, _)) in omega_squared.iter_mut().zip(self.ascending()) {
+            *to = value;
+        }
+        omega_squared
     }
 
     /// What the lowest `M` modes have of a vector in the model's basis.
     fn components<const M: usize>(&self, column: &SVector<T, BASIS>) -> SVector<T, M> {
-        SVector::from_fn(|k, _| {
-            if k < self.count {
-                self.vectors.column(self.order[k]).dot(column)
-            } else {
-                T::zero()
-            }
-        })
+        let mut components = SVector::<T, M>::zeros();
+        for (component, (_, mode)) in components.iter_mut().zip(self.ascending()) {
+            *component = mode.dot(column);
+        }
+        components
     }
 
     /// How the modes beyond the lowest `m` bend where an element goes soft, per factor: with `u_f` of [`Self::shares`] a loss of
@@ -114,21 +125,21 @@ impl<T: Real> Eigenmodes<T> {
         &self,
         bridge: &ReducedBridge<T>,
         m: usize,
-        places: &[usize],
+        places: impl Iterator<Item = usize> + Clone,
         remainders: &mut [Remainder<T>; FACTORS],
     ) {
         remainders.fill(Remainder::NONE);
         for (remainder, factor) in remainders.iter_mut().zip(self.factors(bridge)) {
             let mut vector = SVector::<T, BASIS>::zeros();
-            for &column in self.order.iter().take(self.count).skip(m) {
-                let mode = self.vectors.column(column);
-                vector.axpy(mode.dot(&factor) / self.eigenvalues[column], &mode, T::one());
+            for (value, mode) in self.ascending().skip(m) {
+                vector.axpy(mode.dot(&factor) / value, &mode, T::one());
             }
+            let path = [&bridge.path.displacement, &bridge.path.slope].map(columns);
             for (i, node) in remainder.path.iter_mut().enumerate() {
-                *node = [&bridge.path.displacement, &bridge.path.slope].map(|nodes| nodes.column(i).dot(&vector));
+                *node = path.map(|nodes| SVector::from(nodes[i]).dot(&vector));
             }
-            for (value, &place) in remainder.sensors.iter_mut().zip(places) {
-                *value = bridge.sensors.column(place).dot(&vector);
+            for (value, place) in remainder.sensors.iter_mut().zip(places.clone()) {
+                *value = bridge.sensor(place).dot(&vector);
             }
         }
     }
@@ -145,23 +156,34 @@ impl<T: Real> Eigenmodes<T> {
     /// `L^1/2 b_f`.
     fn factors(&self, bridge: &ReducedBridge<T>) -> impl Iterator<Item = SVector<T, BASIS>> {
         let root = bridge.lambda.map(|value| value.sqrt());
-        (bridge.factors.column_iter().take(bridge.factor_count)).map(move |factor| factor.component_mul(&root))
+        (columns(&bridge.factors).iter().take(bridge.factor_count))
+            .map(move |&factor| SVector::from(factor).component_mul(&root))
     }
 }
 
 impl<T: Real, const M: usize> ModalBridge<T, M> {
     /// The modes of `bridge` with `damage`, observed at the sensor places `places` (at most [`CHANNELS`]).
     pub fn new(bridge: &ReducedBridge<T>, damage: &Damage<T>, places: &[usize]) -> Self {
-        Self::of(&Eigenmodes::new(bridge, damage), bridge, T::one(), places)
+        Self::of(
+            &Eigenmodes::new(bridge, damage),
+            bridge,
+            T::one(),
+            places.iter().copied(),
+        )
     }
 
     /// The lowest of these modes, the stiffness of the whole bridge scaled by `stiffness`: its damping follows, its shapes stay.
-    pub fn of(modes: &Eigenmodes<T>, bridge: &ReducedBridge<T>, stiffness: T, places: &[usize]) -> Self {
+    pub fn of(
+        modes: &Eigenmodes<T>,
+        bridge: &ReducedBridge<T>,
+        stiffness: T,
+        places: impl Iterator<Item = usize>,
+    ) -> Self {
         let [p1, p2] = bridge.rayleigh;
         let omega_squared = modes.omega_squared() * stiffness;
         let mut sensors = [SVector::zeros(); CHANNELS];
-        for (row, &place) in sensors.iter_mut().zip(places) {
-            *row = modes.components(&bridge.sensors.column(place).into_owned());
+        for (row, place) in sensors.iter_mut().zip(places) {
+            *row = modes.components(&bridge.sensor(place));
         }
         Self {
             omega_squared,
@@ -169,8 +191,7 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
             position_m: bridge.path.position_m,
             nodes: bridge.path.nodes,
             path: core::array::from_fn(|i| {
-                [&bridge.path.displacement, &bridge.path.slope]
-                    .map(|node| modes.components(&node.column(i).into_owned()))
+                [&bridge.path.displacement, &bridge.path.slope].map(|nodes| modes.components(&columns(nodes)[i].into()))
             }),
             sensors,
         }
@@ -197,10 +218,10 @@ impl<T: Real, const M: usize> ModalBridge<T, M> {
         // The last element whose beginning has been reached: found at once where they are equal, by a few steps elsewhere.
         let last = nodes.len() - 2;
         let mut span = (x_m / (nodes[1] - nodes[0])).whole().min(last);
-        while span > 0 && nodes[span] > x_m {
+        while span > 0 && nodes.get(span).is_some_and(|&begin| begin > x_m) {
             span -= 1;
         }
-        while span < last && nodes[span + 1] <= x_m {
+        while span < last && nodes.get(span + 1).is_some_and(|&end| end <= x_m) {
             span += 1;
         }
         let &[a, b] = nodes.get(span..span + 2)?.first_chunk::<2>()?;
@@ -299,9 +320,17 @@ fn stiffness<T: Real>(bridge: &ReducedBridge<T>, damage: &Damage<T>, matrix: &mu
     }
 }
 
+/// Turns two vectors towards each other by an angle of the cosine `c` and the sine `s`, in their first `n` entries.
+fn turn<T: Real>([p, q]: [&mut [T; BASIS]; 2], [c, s]: [T; 2], n: usize) {
+    for (p, q) in p.iter_mut().zip(q).take(n) {
+        (*p, *q) = (c * *p - s * *q, s * *p + c * *q);
+    }
+}
+
 /// Makes the leading `n x n` block of a symmetric positive matrix diagonal: what is left there are its eigenvalues, unsorted. Turns the
-/// columns of `v` with it.
-fn eigen<T: Real>(a: &mut SMatrix<T, BASIS, BASIS>, v: &mut SMatrix<T, BASIS, BASIS>, n: usize) {
+/// vectors `v` with it.
+fn eigen<T: Real>(a: &mut SMatrix<T, BASIS, BASIS>, v: &mut [[T; BASIS]; BASIS], n: usize) {
+    let n = n.min(BASIS);
     let tolerance = T::default_epsilon() * T::default_epsilon();
     for _ in 0..MAX_SWEEPS {
         let mut rotated = false;
@@ -322,10 +351,10 @@ fn eigen<T: Real>(a: &mut SMatrix<T, BASIS, BASIS>, v: &mut SMatrix<T, BASIS, BA
                 };
                 let c = (T::one() + t * t).sqrt().recip();
                 let s = t * c;
-                for k in 0..n {
-                    let (akp, akq) = (a[(k, p)], a[(k, q)]);
-                    a[(k, p)] = c * akp - s * akq;
-                    a[(k, q)] = s * akp + c * akq;
+                for columns in [&mut a.data.0, &mut *v] {
+                    if let Ok(columns) = columns.get_disjoint_mut([p, q]) {
+                        turn(columns, [c, s], n);
+                    }
                 }
                 for k in 0..n {
                     let (apk, aqk) = (a[(p, k)], a[(q, k)]);
@@ -337,11 +366,6 @@ fn eigen<T: Real>(a: &mut SMatrix<T, BASIS, BASIS>, v: &mut SMatrix<T, BASIS, BA
                 a[(q, q)] = aqq + t * apq;
                 a[(p, q)] = T::zero();
                 a[(q, p)] = T::zero();
-                for k in 0..n {
-                    let (vkp, vkq) = (v[(k, p)], v[(k, q)]);
-                    v[(k, p)] = c * vkp - s * vkq;
-                    v[(k, q)] = s * vkp + c * vkq;
-                }
             }
         }
         if !rotated {

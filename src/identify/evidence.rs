@@ -524,7 +524,7 @@ struct Layout {
 /// The lower triangle, row by row, and the vector.
 fn pack(information: &Information) -> Vec<f32, PACKED> {
     let rows = (0..ELEMENTS).flat_map(|i| (0..=i).map(move |j| information.matrix[(i, j)]));
-    rows.chain(information.vector.iter().copied()).collect()
+    rows.chain(information.vector.iter().copied()).take(PACKED).collect()
 }
 
 /// None if there are too few numbers.

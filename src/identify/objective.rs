@@ -163,7 +163,10 @@ impl Terms {
                 }
             }
             let residual = term.residual + row.dot(from);
-            for j in (0..=STIFFNESS).filter(|&j| row[j] != 0.0) {
+            for j in 0..=STIFFNESS {
+                if row[j] == 0.0 {
+                    continue;
+                }
                 let left = part * row[j];
                 normal.vector[j] += left * residual;
                 for i in 0..=STIFFNESS {

@@ -419,7 +419,7 @@ impl Normal {
             let (row, cars) = row.split_at(CAR_LOADS);
             // From derivatives by what the physics knows to derivatives by `theta`.
             let row: [f32; UNKNOWNS] = core::array::from_fn(|i| row[i] * self.by[i]);
-            for (j, &left) in cars.iter().enumerate() {
+            for ((j, &left), mut among) in cars.iter().enumerate().zip(self.among.column_iter_mut()) {
                 if left == 0.0 {
                     continue;
                 }
@@ -428,18 +428,18 @@ impl Normal {
                 for (i, &right) in row.iter().enumerate() {
                     self.across[(j, i)] += weighted * right;
                 }
-                for (i, &right) in cars.iter().enumerate().skip(j) {
-                    self.among[(i, j)] += weighted * right;
+                for (sum, &right) in among.as_mut_slice().iter_mut().zip(cars).skip(j) {
+                    *sum += weighted * right;
                 }
             }
-            for (j, &left) in row.iter().enumerate() {
+            for ((j, &left), mut column) in row.iter().enumerate().zip(self.matrix.column_iter_mut()) {
                 if left == 0.0 {
                     continue;
                 }
                 let weighted = weight * left;
                 self.vector[j] += weighted * r;
-                for (i, &right) in row.iter().enumerate().skip(j) {
-                    self.matrix[(i, j)] += weighted * right;
+                for (sum, &right) in column.as_mut_slice().iter_mut().zip(&row).skip(j) {
+                    *sum += weighted * right;
                 }
             }
         }

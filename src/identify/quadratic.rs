@@ -92,10 +92,16 @@ impl<const N: usize> Quadratic<N> {
     /// Makes nothing of what is left of variables whose diagonal has faded to less than a number can hold.
     pub fn forget_faded(&mut self) {
         let known = self.known();
-        for i in (0..N).filter(|&i| !known[i]) {
-            self.matrix.row_mut(i).fill(0.0);
-            self.matrix.column_mut(i).fill(0.0);
-            self.vector[i] = 0.0;
+        let columns = self.matrix.column_iter_mut().zip(self.vector.iter_mut());
+        for ((mut column, value), &known_here) in columns.zip(&known) {
+            for (entry, &known_there) in column.iter_mut().zip(&known) {
+                if !(known_here && known_there) {
+                    *entry = 0.0;
+                }
+            }
+            if !known_here {
+                *value = 0.0;
+            }
         }
     }
 
@@ -243,13 +249,15 @@ impl<const N: usize> Quadratic<N> {
     // Not inlined: its matrix must leave the stack before the next is made.
     #[inline(never)]
     fn factor(&self, free: &[bool; N], ridge: f32) -> Option<Factor<N>> {
-        let mut scale = SVector::zeros();
-        for i in (0..N).filter(|&i| free[i]) {
-            let diagonal = self.matrix[(i, i)];
-            if !(f32::MIN_POSITIVE..=f32::MAX).contains(&diagonal) {
+        let mut scale = self.matrix.diagonal();
+        for (scale, &free) in scale.iter_mut().zip(free) {
+            if !free {
+                *scale = 0.0;
+            } else if (f32::MIN_POSITIVE..=f32::MAX).contains(scale) {
+                *scale = 1.0 / math::sqrt(*scale);
+            } else {
                 return None;
             }
-            scale[i] = 1.0 / math::sqrt(diagonal);
         }
         let mut scaled = self.matrix;
         for j in 0..N {

@@ -145,18 +145,16 @@ impl<T: Real, const D: usize, const C: usize> CarSteps<T, D, C> {
             h,
             beta_h2,
         };
-        for (i, contact) in car.contacts.iter().enumerate() {
-            steps.eta[i] = eta(&contact.spring);
-            steps.response[i] = steps.inverse.map(|row| dot(&row, &contact.spring.lever) * steps.eta[i]);
+        let own = steps.eta.iter_mut().zip(&mut steps.response);
+        for (contact, (own_eta, response)) in car.contacts.iter().zip(own) {
+            *own_eta = eta(&contact.spring);
+            *response = steps.inverse.map(|row| dot(&row, &contact.spring.lever) * *own_eta);
         }
-        for (i, contact) in car.contacts.iter().enumerate() {
-            for (j, response) in steps.response.iter().enumerate() {
-                let own = if i == j {
-                    contact.unsprung + steps.eta[i]
-                } else {
-                    T::zero()
-                };
-                steps.impedance[i][j] = own - steps.eta[i] * dot(&contact.spring.lever, response);
+        let rows = steps.eta.iter().zip(&mut steps.impedance);
+        for (i, (contact, (&eta, impedance))) in car.contacts.iter().zip(rows).enumerate() {
+            for (j, (z, response)) in impedance.iter_mut().zip(&steps.response).enumerate() {
+                let own = if i == j { contact.unsprung + eta } else { T::zero() };
+                *z = own - eta * dot(&contact.spring.lever, response);
             }
         }
         Ok(steps)

@@ -87,7 +87,7 @@ pub(super) struct Source<'a, T: Real, const M: usize> {
     /// A force on the modes.
     pub(super) modal: [T; M],
     /// How the shapes under the contacts change with their way, and how far they move.
-    pub(super) turn: Option<(&'a Turn<T>, T)>,
+    pub(super) turn: Option<(&'a AtContacts<Turn<T>>, T)>,
     /// By what part the train's own load factor is larger, of this car alone; of all, if of none.
     pub(super) load: Option<Option<usize>>,
     /// Change of what the irregularity does to the contacts.
@@ -114,24 +114,28 @@ impl<T: Real, const M: usize> Source<'_, T, M> {
             entering: &at_rest,
         }
     }
+
+    /// How the shapes under the contacts of the car in a slot change with their way, and how far they move.
+    fn turn_of(&self, slot: usize) -> Option<(&[Turn<T>; CONTACTS], T)> {
+        let (turn, by) = self.turn?;
+        Some((turn.get(slot)?, by))
+    }
 }
 
-/// What changed shapes under the contacts make of the bridge's predicted position, velocity and of its acceleration there, per metre.
+/// What changed shapes under a contact make of the bridge's predicted position, velocity and of its acceleration there, per metre.
+#[derive(Clone, Copy)]
 pub(super) struct Turn<T> {
-    felt: AtContacts<T>,
-    felt_rate: AtContacts<T>,
-    acceleration: AtContacts<T>,
+    felt: T,
+    felt_rate: T,
+    acceleration: T,
 }
 
 impl<T: Real> Turn<T> {
-    fn none() -> Self {
-        let zero = [[T::zero(); CONTACTS]; CARS_ON_BRIDGE];
-        Self {
-            felt: zero,
-            felt_rate: zero,
-            acceleration: zero,
-        }
-    }
+    const NONE: Self = Self {
+        felt: T::ZERO,
+        felt_rate: T::ZERO,
+        acceleration: T::ZERO,
+    };
 }
 
 /// The derivatives of a [`Simulation`] by the unknowns, followed step by step. Large: it belongs in static memory, and
@@ -208,20 +212,25 @@ impl<T: Real, const M: usize> Tangent<T, M> {
             if index >= coupling.entered {
                 *state = (source.entering)(index);
             }
-            let mut leads = source.rail.map_or([Lead::still(); CONTACTS], |rail| rail[slot]);
-            for (i, (lead, shape)) in leads.iter_mut().zip(shapes).enumerate().take(on.end).skip(on.start) {
+            let rail = source.rail.and_then(|rail| rail.get(slot));
+            let turn = source.turn_of(slot);
+            let mut leads = rail.copied().unwrap_or([Lead::still(); CONTACTS]);
+            for (lead, shape) in leads.iter_mut().zip(shapes).take(on.end).skip(on.start) {
                 lead.place += dot(shape, &felt);
                 lead.rate += dot(shape, &self.velocity);
-                if let Some((turn, by)) = source.turn {
-                    lead.place += by * turn.felt[slot][i];
-                    lead.rate += by * turn.felt_rate[slot][i];
+            }
+            if let Some((turn, by)) = turn {
+                for (lead, turn) in leads.iter_mut().zip(turn).take(on.end).skip(on.start) {
+                    lead.place += by * turn.felt;
+                    lead.rate += by * turn.felt_rate;
                 }
             }
             let mut loads = [T::zero(); CONTACTS];
             steps.predict(car, state, &leads, &mut loads);
-            if let Some((turn, by)) = source.turn {
+            if let Some((turn, by)) = turn {
+                let acceleration = turn.map(|turn| turn.acceleration);
                 for (load, impedance) in loads.iter_mut().zip(&steps.impedance) {
-                    *load -= by * dot(impedance, &turn.acceleration[slot]);
+                    *load -= by * dot(impedance, &acceleration);
                 }
             }
             let added = match source.load {
@@ -257,8 +266,8 @@ impl<T: Real, const M: usize> Tangent<T, M> {
             for (w, shape) in w.iter_mut().zip(shapes).take(on.end).skip(on.start) {
                 *w = dot(shape, &force);
             }
-            if let Some((turn, by)) = source.turn {
-                add_scaled(&mut w, by, &turn.acceleration[slot]);
+            if let Some((turn, by)) = source.turn_of(slot) {
+                add_scaled(&mut w, by, &turn.map(|turn| turn.acceleration));
             }
             steps.correct(car.contacts.len(), &mut self.cars[index % CARS_ON_BRIDGE], &w);
         }
@@ -281,10 +290,12 @@ fn forces<T: Real, const M: usize>(
     coupling: &Coupled<T, M>,
 ) -> AtContacts<T> {
     let mut forces = [[T::zero(); CONTACTS]; CARS_ON_BRIDGE];
-    for (slot, (_, (_, _, steps))) in cars.among(coupling.aboard.clone()).enumerate() {
-        let w = coupling.shapes[slot].map(|shape| dot(&shape, entries(&base.acceleration)));
-        for i in coupling.on[slot].clone() {
-            forces[slot][i] = coupling.loads[slot][i] - dot(&steps.impedance[i], &w);
+    let slots = (coupling.shapes.iter().zip(&coupling.on)).zip(coupling.loads.iter().zip(&mut forces));
+    for ((_, (_, _, steps)), ((shapes, on), (loads, forces))) in cars.among(coupling.aboard.clone()).zip(slots) {
+        let w = shapes.map(|shape| dot(&shape, entries(&base.acceleration)));
+        let contacts = forces.iter_mut().zip(loads).zip(&steps.impedance);
+        for ((force, &load), impedance) in contacts.take(on.end).skip(on.start) {
+            *force = load - dot(impedance, &w);
         }
     }
     forces
@@ -295,9 +306,10 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
     fn on_nodes(&self, cars: &Cars<T>, coupling: &Coupled<T, M>, forces: &AtContacts<T>) -> [[T; 2]; PATH_NODES] {
         let mut nodes = [[T::zero(); 2]; PATH_NODES];
         let TrainPosition { way_m, speed_mps } = coupling.now;
-        for (slot, (_, (place, car, _))) in cars.among(coupling.aboard.clone()).enumerate() {
-            for i in coupling.on[slot].clone() {
-                let way = way_m - place.behind_m - car.contacts[i].behind_m;
+        let slots = coupling.on.iter().zip(forces);
+        for ((_, (place, car, _)), (on, forces)) in cars.among(coupling.aboard.clone()).zip(slots) {
+            for (contact, &force) in car.contacts.iter().zip(forces).take(on.end).skip(on.start) {
+                let way = way_m - place.behind_m - contact.behind_m;
                 let Some((span, part, length)) = self.bridge.span(self.along(way)) else {
                     continue;
                 };
@@ -307,17 +319,15 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
                 else {
                     continue;
                 };
-                let force = forces[slot][i];
                 let [w1, s1, w2, s2] = hermite(0, part, length).map(|weight| weight * force);
-                let ends = [left, right];
-                for (end, [w, s]) in ends.into_iter().zip([[w1, s1], [w2, s2]]) {
+                for (end, [w, s]) in [(&mut *left, [w1, s1]), (&mut *right, [w2, s2])] {
                     end[0] += w;
                     end[1] += s;
                 }
                 if let Some(rounded) = self.rounded(way, speed_mps) {
                     // The end of the bridge is an end of this span.
-                    let end = if part < T::of(0.5) { span } else { span + 1 };
-                    nodes[end][1] += rounded.rise_m * force;
+                    let [_, moment] = if part < T::of(0.5) { left } else { right };
+                    *moment += rounded.rise_m * force;
                 }
             }
         }
@@ -325,20 +335,24 @@ impl<T: Real, const M: usize> PlanarInteraction<T, M> {
     }
 
     /// What a metre of way does to the contacts, and its force on the modes.
-    fn moved(&self, cars: &Cars<T>, coupling: &Coupled<T, M>, forces: &AtContacts<T>) -> (Turn<T>, [T; M]) {
-        let (mut turn, mut modal) = (Turn::none(), [T::zero(); M]);
+    fn moved(&self, cars: &Cars<T>, coupling: &Coupled<T, M>, forces: &AtContacts<T>) -> (AtContacts<Turn<T>>, [T; M]) {
+        let mut turns = [[Turn::NONE; CONTACTS]; CARS_ON_BRIDGE];
+        let mut modal = [T::zero(); M];
         let TrainPosition { way_m, speed_mps } = coupling.now;
-        for (slot, (_, (place, car, _))) in cars.among(coupling.aboard.clone()).enumerate() {
-            for i in coupling.on[slot].clone() {
-                let contact = &car.contacts[i];
+        let slots = coupling.on.iter().zip(forces.iter().zip(&mut turns));
+        for ((_, (place, car, _)), (on, (forces, turns))) in cars.among(coupling.aboard.clone()).zip(slots) {
+            let contacts = car.contacts.iter().zip(forces.iter().zip(turns));
+            for (contact, (&force, turn)) in contacts.take(on.end).skip(on.start) {
                 let slope = self.shape_slope(contact, way_m - place.behind_m - contact.behind_m, speed_mps);
-                turn.felt[slot][i] = dot(&slope, entries(&coupling.felt));
-                turn.felt_rate[slot][i] = dot(&slope, entries(&coupling.felt_rate));
-                turn.acceleration[slot][i] = dot(&slope, entries(&self.acceleration));
-                add_scaled(&mut modal, forces[slot][i], &slope);
+                *turn = Turn {
+                    felt: dot(&slope, entries(&coupling.felt)),
+                    felt_rate: dot(&slope, entries(&coupling.felt_rate)),
+                    acceleration: dot(&slope, entries(&self.acceleration)),
+                };
+                add_scaled(&mut modal, force, &slope);
             }
         }
-        (turn, modal)
+        (turns, modal)
     }
 
     /// What `lead` says of each contact of the cars aboard and of its way, m from the end that the train enters by.
@@ -464,7 +478,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
     ) -> Result<(), SetupError> {
         let modes = Eigenmodes::new(bridge, &hypothesis.damage);
         modes.shares(bridge, &mut self.shares);
-        modes.remainders(bridge, M, &observed.places(), &mut self.remainders);
+        modes.remainders(bridge, M, observed.places(), &mut self.remainders);
         let root = hypothesis.stiffness.sqrt();
         for (share, remainder) in self.shares.iter_mut().zip(&mut self.remainders) {
             *share = share.map(|u| u * root);
@@ -545,16 +559,18 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
                 row[unknown] = tangent.recorded(base, observed, channel, sensor.quantity, *seen);
             }
         };
+        let wanted = |unknown: usize| self.wanted.get(unknown).is_some_and(|&wanted| wanted);
         let still = [T::zero(); CHANNELS];
         let by_speed = self.by_speed.as_ref();
 
         let on_nodes = base.on_nodes(cars, &coupling, &forces);
         let mut strained = *entries(q);
         add_scaled(&mut strained, self.p2, entries(v));
-        for element in (0..ELEMENTS).filter(|&element| self.wanted[element]) {
+        for element in (0..ELEMENTS).filter(|&element| wanted(element)) {
             let (mut modal, mut seen) = ([T::zero(); M], still);
-            for f in (0..self.factor_count).filter(|&f| usize::from(self.factor_element[f]) == element) {
-                let (share, remainder) = (&self.shares[f], &self.remainders[f]);
+            let factors = self.factor_element.iter().enumerate().take(self.factor_count);
+            let own = factors.filter(|&(_, &of)| usize::from(of) == element);
+            for (share, remainder) in own.filter_map(|(f, _)| self.shares.get(f).zip(self.remainders.get(f))) {
                 let mut pull = dot(share, &strained);
                 if !coupling.aboard.is_empty() {
                     for (on, g) in on_nodes.iter().zip(&remainder.path) {
@@ -572,14 +588,14 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
             }
             follow(element, &Source::modal(modal), &seen);
         }
-        if self.wanted[STIFFNESS] {
+        if wanted(STIFFNESS) {
             let modal = core::array::from_fn(|k| -base.bridge.omega_squared[k] * (q[k] + self.p2 * v[k]));
             follow(STIFFNESS, &Source::modal(modal), &still);
         }
-        if self.wanted[SPEED] || self.wanted[ENTRY] {
+        if wanted(SPEED) || wanted(ENTRY) {
             let (turn, modal) = base.moved(cars, &coupling, &forces);
             let since_entry = T::counted(base.steps as i32) * base.step_s - base.run.entry_time_s;
-            for unknown in [SPEED, ENTRY].into_iter().filter(|&unknown| self.wanted[unknown]) {
+            for unknown in [SPEED, ENTRY].into_iter().filter(|&unknown| wanted(unknown)) {
                 let (way_by, speed_by) = moves(unknown, &base.run, &coupling.now, since_entry);
                 let speed = [coupling.now.speed_mps, speed_by];
                 let rail = track.extent_m().map(|_| {
@@ -597,7 +613,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
                 follow(unknown, &source, &still);
             }
         }
-        if self.wanted[LOAD] {
+        if wanted(LOAD) {
             let source = Source {
                 load: Some(None),
                 ..Source::modal([T::zero(); M])
@@ -605,7 +621,7 @@ impl<T: Real, const M: usize> Sensitivities<T, M> {
             follow(LOAD, &source, &still);
         }
         // Before a car has come its load moves nothing.
-        for car in (0..base.entered).filter(|&car| self.wanted[CAR_LOADS + car]) {
+        for car in (0..base.entered).filter(|&car| wanted(CAR_LOADS + car)) {
             let source = Source {
                 load: Some(Some(car)),
                 ..Source::modal([T::zero(); M])

@@ -71,8 +71,8 @@ impl<T: Real> Recorder<T> {
 
 impl<T: Real> Observation<T> {
     /// Sensor place of each channel.
-    pub(super) fn places(&self) -> heapless::Vec<usize, CHANNELS> {
-        self.recorder.sensors.iter().map(|sensor| sensor.place).collect()
+    pub(super) fn places(&self) -> impl Iterator<Item = usize> + Clone {
+        self.recorder.sensors.iter().map(|sensor| sensor.place)
     }
 
     /// The healthy bridge, and the train as it is expected.
@@ -173,7 +173,7 @@ impl<T: Real, const M: usize> Simulation<T, M> {
         if !(hypothesis.stiffness > T::zero() && hypothesis.stiffness.is_finite()) {
             return Err(SetupError::NotFinite);
         }
-        let modal = ModalBridge::of(modes, bridge, hypothesis.stiffness, &observed.places());
+        let modal = ModalBridge::of(modes, bridge, hypothesis.stiffness, observed.places());
         *place = Slot::Full(Self {
             interaction: PlanarInteraction::new(modal, track, &observed.cars, hypothesis.run)?
                 .with_loads(hypothesis.cars),

@@ -27,6 +27,7 @@
 pub mod packet;
 pub mod seal;
 
+mod aead;
 mod logger_end;
 mod station_end;
 

@@ -11,16 +11,12 @@
 //! before 2³² frames. The names of the directions carry the version: an end of another version derives other keys.
 
 use chacha20::R20;
-use chacha20poly1305::aead::AeadInOut;
-use chacha20poly1305::aead::inout::InOutBuf;
-use chacha20poly1305::{ChaCha20Poly1305, KeyInit};
 
+use super::aead::{self, TAG_BYTES};
 use super::packet::NONCE_BYTES;
 
 /// Bytes of a key.
 pub const KEY_BYTES: usize = 32;
-/// Bytes of a tag.
-const TAG_BYTES: usize = 16;
 /// Frames that may come later than one that was sent after them.
 const WINDOW: u32 = 64;
 
@@ -56,10 +52,6 @@ impl Key {
     /// The key that this one and `input` make.
     pub fn derive(&self, input: &[u8; NONCE_BYTES]) -> Self {
         Self(chacha20::hchacha::<R20>(&self.0.into(), &(*input).into()).into())
-    }
-
-    fn cipher(&self) -> ChaCha20Poly1305 {
-        ChaCha20Poly1305::new(&self.0.into())
     }
 }
 
@@ -139,12 +131,7 @@ impl Channel {
 
     /// Encrypts in its place what goes into frame number `counter`; its tag.
     pub fn seal(&self, kind: u8, counter: u32, bytes: &mut [u8]) -> Option<[u8; TAG_BYTES]> {
-        let tag = self.send.cipher().encrypt_inout_detached(
-            &nonce(counter).into(),
-            &associated(kind, counter),
-            InOutBuf::from(bytes),
-        );
-        tag.ok().map(Into::into)
+        aead::seal(&self.send.0, &nonce(counter), &associated(kind, counter), bytes)
     }
 
     /// Decrypts in its place what came in frame number `counter`, unless it is not what the other end has sealed, or came before.
@@ -154,14 +141,9 @@ impl Channel {
         if age.is_some_and(|age| age >= WINDOW || self.window >> age & 1 == 1) || counter == u32::MAX {
             return Err(Refused::Replayed);
         }
-        (self.receive.cipher())
-            .decrypt_inout_detached(
-                &nonce(counter).into(),
-                &associated(kind, counter),
-                InOutBuf::from(bytes),
-                &(*tag).into(),
-            )
-            .map_err(|_| Refused::Forged)?;
+        if !aead::open(&self.receive.0, &nonce(counter), &associated(kind, counter), bytes, tag) {
+            return Err(Refused::Forged);
+        }
         match age {
             Some(age) => self.window |= 1 << age,
             None => {
@@ -174,7 +156,7 @@ impl Channel {
     }
 }
 
-fn nonce(counter: u32) -> [u8; 12] {
+fn nonce(counter: u32) -> [u8; aead::NONCE_BYTES] {
     let [c0, c1, c2, c3] = counter.to_le_bytes();
     [c0, c1, c2, c3, 0, 0, 0, 0, 0, 0, 0, 0]
 }

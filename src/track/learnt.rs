@@ -172,6 +172,7 @@ pub fn relative(l: &Spread, passages: &Information) -> Information {
 pub fn pack(spread: &Spread) -> Vec<f32, TRIANGLE> {
     (0..ELEMENTS)
         .flat_map(|i| (0..=i).map(move |j| spread[(i, j)]))
+        .take(TRIANGLE)
         .collect()
 }
 

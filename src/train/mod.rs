@@ -162,6 +162,7 @@ impl<T: Real, const D: usize, const C: usize> Car<T, D, C> {
             inertia: at(&self.inertia),
             springs: (self.springs.iter().map(spring))
                 .filter(|spring| spring.lever.iter().any(|&lever| lever != T::zero()))
+                .take(CAR_SPRINGS)
                 .collect(),
             contacts: (self.contacts.iter())
                 .filter(|contact| motions.contains(&contact.motion))

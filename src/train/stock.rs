@@ -91,16 +91,13 @@ impl BogieCar {
             [m1, m1, body[0], body[1], body[2]],
             [m2, m2, bogie[0], bogie[1], bogie[2]],
         ];
-        let pair = |stiffness: f64, damping: f64, lever: &[(usize, f64)]| {
-            let mut all = [T::zero(); SPATIAL_DOFS];
-            for &(dof, arm) in lever {
-                all[dof] = T::of(arm);
-            }
-            Spring {
-                stiffness: T::of(2.0 * stiffness),
-                damping: T::of(2.0 * damping),
-                lever: all,
-            }
+        let pair = |stiffness: f64, damping: f64, lever: &[(usize, f64)]| Spring {
+            stiffness: T::of(2.0 * stiffness),
+            damping: T::of(2.0 * damping),
+            lever: core::array::from_fn(|dof| {
+                let arm = lever.iter().find(|&&(moved, _)| moved == dof);
+                arm.map_or(T::zero(), |&(_, arm)| T::of(arm))
+            }),
         };
 
         let mut springs = Vec::new();

@@ -5,15 +5,14 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 use host_sim::channel::{self, Qemu};
-use host_sim::image::Sizes;
+use host_sim::cost::{self, INSTRUCTIONS_PER_TICK};
+use host_sim::image::{self, Sizes};
 use host_sim::model;
 use host_sim::replay::{self, Told};
 use host_sim::station::Station;
 use spanwatch::wire::message::Event;
 use spanwatch::wire::{FrameBuffer, Kind};
 
-/// With counted instructions QEMU's clock of 25 MHz ticks once in 40 of them (1 ns each).
-const INSTRUCTIONS_PER_TICK: u64 = 40;
 /// The processor that the times are given for, Hz: a common Cortex-M4F, one instruction a clock.
 const PROCESSOR_HZ: f64 = 168e6;
 
@@ -58,6 +57,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             bridge.name,
             model::to_blob(bridge)?.len()
         );
+    }
+    let panicking = image::panicking(&image)?;
+    text += &match panicking.as_slice() {
+        [] => "\nNothing in the image can panic.\n".to_owned(),
+        found => format!("\nThe image can panic, by {}.\n", found.join(", ")),
+    };
+    text += "\n| an alert's frame | bytes | instructions to write it | instructions to read it |\n|---|---|---|---|\n";
+    for (name, frame) in ["sealed", "in the clear"].into_iter().zip(cost::of_an_alert()?) {
+        text += &format!("| {name} | {} | {} | {} |\n", frame.bytes, frame.write, frame.read);
     }
     text += "\n| recording | samples | solver steps | instructions a sample | instructions a step | longest slice, \
              million instructions | whole identification at 168 MHz, s | stack, bytes | alert frame, bytes |\n|---|---|---|---|---|---|---|---|---|\n";

@@ -60,7 +60,7 @@ pub enum Said {
         /// Whose.
         origin: Origin,
         /// What; none: it is of another version of the program, and stored as it came.
-        notice: Option<Notice>,
+        notice: Option<Box<Notice>>,
     },
     /// Messages that the logger has forgotten are not stored: they are lost.
     Lost {
@@ -420,7 +420,7 @@ impl Desk for Counter<'_> {
                 if new {
                     self.base.say(Said::Stored {
                         origin,
-                        notice: postcard::from_bytes(message).ok(),
+                        notice: postcard::from_bytes(message).ok().map(Box::new),
                     });
                 }
                 Kept::OnDisk

@@ -16,13 +16,13 @@
 mod clock;
 mod flash;
 mod line;
+mod log;
 mod register;
 mod restart;
 mod stack;
 mod watchdog;
 
 use cortex_m::peripheral::Peripherals;
-use defmt_semihosting as _;
 pub use flash::Flash;
 use line::Line;
 use spanwatch::link::{self, Health, Restart};

@@ -82,7 +82,7 @@ impl Store {
         }
         sql += " ORDER BY at";
         let mut statement = self.connection.prepare(&sql)?;
-        let columns: Vec<String> = statement.column_names().into_iter().map(str::to_owned).collect();
+        let columns: Vec<String> = statement.column_names().map(str::to_owned).collect();
         let rows = statement.query_map(params_from_iter(values), |row| {
             (0..columns.len()).map(|column| row.get(column)).collect()
         })?;
