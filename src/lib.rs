@@ -14,7 +14,8 @@
 //! | session | [`session`] | messages, and who may hear and say them | sealed frames |
 //! | wire | [`wire`] | messages | frames on a serial line, and back |
 //!
-//! The same [`logger::Logger`] runs in the firmware (`src/bin/logger.rs`) and on a PC (`host-sim`).
+//! [`settings`] keeps over a restart what the logger watches with, and its key. The same [`logger::Logger`] runs in the firmware
+//! (`src/bin/logger.rs`) and on a PC (`host-sim`).
 //! No heap, no operating system, no `unsafe`; `f32` on the logger, `f64` from the same source on the PC.
 #![no_std]
 #![forbid(unsafe_code)]
