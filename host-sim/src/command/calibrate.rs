@@ -170,8 +170,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     super::print(&in_words(&calibration, &told, &stretches, elements, arguments))
 }
 
-/// Nothing that is written may take the place of something that is read, or of something else that is written.
+/// Nothing is read twice, and nothing that is written may take the place of something that is read, or of something else that is written.
 fn check_names(arguments: &Arguments) -> Result<()> {
+    for (i, recording) in arguments.recordings.iter().enumerate() {
+        let place = recording.canonicalize().ok();
+        if place.is_some()
+            && arguments.recordings[..i]
+                .iter()
+                .any(|before| before.canonicalize().ok() == place)
+        {
+            bail!("{} is given twice, and would count twice", recording.display());
+        }
+    }
     let mut written: Vec<(&str, &Path)> = vec![("-o", &arguments.output)];
     written.extend(arguments.svg.as_deref().map(|path| ("--svg", path)));
     written.extend(arguments.passage_svg.as_deref().map(|path| ("--passage-svg", path)));
@@ -244,6 +254,9 @@ fn draw_passage(path: &Path, passages: &[Passage], calibration: &Calibration, se
     let (_, passage) = used.get(used.len() / 2).context("no passage was learnt from")?;
     picture::passage_on_tracks(path, passage, calibration, seed)
 }
+
+/// A bridge whose stiffness is farther off its model's is worth a word: heat and cold make some per cent.
+const FAR_OFF: f32 = 0.05;
 
 /// How well the profile is known over a stretch, by its waves shorter than [`HALF_WAVE_M`].
 struct Known {
@@ -339,6 +352,15 @@ fn in_words(
         found.learnt.damping,
         2.0 * found.bridge_std[1]
     );
+    let off = found.learnt.stiffness - 1.0;
+    if off.abs() > FAR_OFF {
+        let _ = writeln!(
+            text,
+            "The bridge is {:.0} % {} than its model: are the model's mass and stiffness those of this bridge, or is it damaged already?",
+            100.0 * off.abs(),
+            if off < 0.0 { "softer" } else { "stiffer" }
+        );
+    }
     let _ = writeln!(
         text,
         "\nprofile, waves shorter than {HALF_WAVE_M:.0} m, rms     height      known to (standard deviation)"

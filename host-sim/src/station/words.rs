@@ -261,6 +261,12 @@ pub fn status(status: &Status) -> String {
     if status.health.stack_peak_bytes > 0 {
         let _ = write!(text, " Stack {} bytes at most.", status.health.stack_peak_bytes);
     }
+    if status.setup.generation > 0 {
+        let _ = write!(text, " It keeps setup {}.", status.setup.generation);
+    }
+    if status.setup.rolled_back {
+        text += " That is not its newest: it has refused that one at its start.";
+    }
     if status.health.restart != Restart::PowerOn {
         let _ = write!(text, " It has restarted {}.", restart(status.health.restart));
     }
