@@ -341,6 +341,14 @@ impl Logger {
         (self.rails).adopt(track, &mut self.bridge, self.model_crc, &mut self.evidence)
     }
 
+    /// Takes the rails for smooth again, and what was found by a learnt track for nothing.
+    pub fn forget_track(&mut self) {
+        if self.rails.learnt().is_learnt() {
+            self.rails.forget(&mut self.bridge);
+            self.clear();
+        }
+    }
+
     /// Whether a track was learnt, and is still that.
     pub fn track_state(&self) -> TrackState {
         self.rails.state()

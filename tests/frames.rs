@@ -135,6 +135,8 @@ fn answers() -> Vec<Answer> {
                 generation: u32::MAX,
                 rolled_back: true,
             },
+            starts: u32::MAX,
+            key: u8::MAX,
             effort: Effort {
                 stream_ticks: u64::MAX,
                 identification_ticks: u64::MAX,

@@ -264,11 +264,17 @@ fn a_new_key_makes_the_next_session_and_outlives_a_restart() {
     station.replace_identity(&second).expect("a session by the second key");
     station.status().expect("an answer");
     drop(station);
-    keys.remove(12, first.key_number).expect("taken out");
+    keys.remove(12, first.key_number, false).expect("taken out");
     Station::with_keys(here(), keys.ring().expect("reads"))
         .status()
         .expect("the second key is on the flash");
-    keys.remove(12, second.key_number).expect("taken out");
+    keys.remove(12, second.key_number, false).expect_err("it is the newest");
+    keys.remove(12, second.key_number, true).expect("taken out");
+    assert_eq!(
+        keys.add(12, None).expect("made").key_number,
+        3,
+        "no number is given again"
+    );
     let stranger = Station::with_keys(here(), keys.ring().expect("reads")).status();
     let text = format!("{:#}", stranger.expect_err("its key is not known any more"));
     assert!(text.contains("number 12 with its key 2"), "{text}");

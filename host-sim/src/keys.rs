@@ -4,6 +4,7 @@
 //! [[logger]]
 //! device = 12
 //! name = "Viaduct 12"
+//! last = 1                 # number of a key that was given
 //! keys = [{ number = 1, key = "64 hexadecimal digits" }]
 //!
 //! [console]                # who may give orders through a running base station
@@ -44,6 +45,9 @@ struct LoggerKeys {
     device: Device,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     name: Option<String>,
+    /// The last number that was given: none is given again.
+    #[serde(default)]
+    last: u8,
     keys: Vec<NumberedKey>,
 }
 
@@ -107,6 +111,12 @@ impl KeyRing {
             return (number == 0).then_some(Key::DEMO);
         }
         self.keys.get(&(device, number)).copied().map(Key::new)
+    }
+
+    /// Another key that is true from now on.
+    pub fn trust(&mut self, identity: &Identity) {
+        self.keys
+            .insert((identity.device, identity.key_number), *identity.key.bytes());
     }
 
     /// The logger's name.
@@ -185,20 +195,22 @@ impl KeyFile {
 
     /// Makes another key for a logger; it has the next number. `name` replaces the logger's.
     pub fn add(&self, device: Device, name: Option<String>) -> Result<Identity> {
+        let _lock = self.lock()?;
         let mut contents = self.read()?.unwrap_or_default();
         let place = contents.loggers.iter().position(|logger| logger.device == device);
         let place = place.unwrap_or_else(|| {
             contents.loggers.push(LoggerKeys {
                 device,
                 name: None,
+                last: 0,
                 keys: vec![],
             });
             contents.loggers.len() - 1
         });
         let logger = &mut contents.loggers[place];
         logger.name = name.or(logger.name.take());
-        let last = logger.keys.iter().map(|key| key.number).max().unwrap_or(0);
-        let Some(number) = last.checked_add(1) else {
+        let last = logger.keys.iter().map(|key| key.number).max();
+        let Some(number) = logger.last.max(last.unwrap_or(0)).checked_add(1) else {
             bail!("logger {device} has used all 255 numbers of keys: give it another device number");
         };
         let key = Secret(random()?);
@@ -207,6 +219,7 @@ impl KeyFile {
             key_number: number,
             key: Key::new(key.0),
         };
+        logger.last = number;
         logger.keys.push(NumberedKey { number, key });
         self.write(&contents)?;
         Ok(identity)
@@ -214,15 +227,26 @@ impl KeyFile {
 
     /// Makes a key for those who give orders through a running base station.
     pub fn add_console(&self) -> Result<()> {
+        let _lock = self.lock()?;
         let mut contents = self.read()?.unwrap_or_default();
         contents.console = Some(Console { key: Secret(random()?) });
         self.write(&contents)
     }
 
-    /// Takes a key out: a logger that still has it is not heard any more.
-    pub fn remove(&self, device: Device, number: u8) -> Result<()> {
+    /// Takes a key out: a logger that still has it is not heard any more. The newest only if it is `lost`.
+    pub fn remove(&self, device: Device, number: u8, lost: bool) -> Result<()> {
+        let _lock = self.lock()?;
         let mut contents = self.read()?.unwrap_or_default();
         let logger = contents.loggers.iter_mut().find(|logger| logger.device == device);
+        let newest = (logger.iter().flat_map(|logger| &logger.keys))
+            .map(|key| key.number)
+            .max();
+        if newest == Some(number) && !lost {
+            bail!(
+                "key {number} is the newest of logger {device}, and without it the logger is heard again only after a visit on the bench; \
+                 --lost takes it out all the same"
+            );
+        }
         let found = logger.map(|logger| {
             let before = logger.keys.len();
             logger.keys.retain(|key| key.number != number);
@@ -232,6 +256,13 @@ impl KeyFile {
             bail!("{} has no key {number} of logger {device}", self.path.display());
         }
         self.write(&contents)
+    }
+
+    /// Nobody else changes the file as long as this is held.
+    fn lock(&self) -> Result<fs::File> {
+        let path = self.path.with_extension("lock");
+        let locked = fs::File::create(&path).and_then(|file| file.lock().map(|()| file));
+        locked.with_context(|| format!("cannot lock the keys by {}", path.display()))
     }
 
     fn read(&self) -> Result<Option<Contents>> {

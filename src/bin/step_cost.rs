@@ -25,6 +25,7 @@ use spanwatch::capacity::{CARS, CARS_ON_BRIDGE, CHANNELS, MODES, PATH_NODES, PRO
 use spanwatch::interaction::scheme::CORNER_STEPS;
 use spanwatch::interaction::{PlanarInteraction, Run, Scheme, TrainSteps};
 use spanwatch::link::Board as _;
+use spanwatch::session::Hello;
 use spanwatch::session::packet::NONCE_BYTES;
 use spanwatch::session::{Channel, End, Key};
 use spanwatch::track::profile::{Knots, Profile, Stretch};
@@ -105,9 +106,14 @@ fn tell(counts: &impl Serialize, board: &mut Board) {
 /// Writes and reads an alert's frame again and again, sealed and in the clear.
 #[inline(never)]
 fn frames(board: &mut Board) -> (u32, [FrameCost; 2]) {
-    let (logger, station) = ([1; NONCE_BYTES], [2; NONCE_BYTES]);
-    let mut sender = Channel::new(End::Logger, &Key::DEMO, &logger, &station);
-    let mut receiver = Channel::new(End::Station, &Key::DEMO, &logger, &station);
+    let hello = Hello {
+        device: 1,
+        key: 0,
+        stream: 1,
+        nonce: [1; NONCE_BYTES],
+    };
+    let mut sender = Channel::new(End::Logger, &Key::DEMO, &hello, &[2; NONCE_BYTES]);
+    let mut receiver = Channel::new(End::Station, &Key::DEMO, &hello, &[2; NONCE_BYTES]);
     let (mut buffer, mut decoder) = (FrameBuffer::new(), Decoder::new());
     let parcel: [u8; PARCEL_BYTES] = core::array::from_fn(|i| i as u8);
     let fill = |room: &mut [u8]| {

@@ -67,6 +67,8 @@ struct Ends<F> {
     settings: Settings<F>,
     session: LoggerEnd,
     setup: SetupState,
+    /// The logger watches with that, and with nothing that it was given since.
+    by_setup: bool,
     /// The flash has failed, and nobody knows what it holds.
     failed: bool,
 }
@@ -115,6 +117,7 @@ impl<F: NorFlash> RemoteLogger<F> {
             settings,
             session,
             setup: SetupState::default(),
+            by_setup: false,
             failed: false,
         });
         self.desk.load_setup();
@@ -213,7 +216,7 @@ impl<F: NorFlash> Desk<F> {
             Request::Configure(configuration) => self.configure(configuration),
             Request::Model(chunk) => self.take_piece(Item::Model, &chunk),
             Request::Track(chunk) => self.take_piece(Item::Track, &chunk),
-            Request::Restore(chunk) => self.logger.take_piece(Item::Evidence, &chunk),
+            Request::Restore(chunk) => self.take_piece(Item::Evidence, &chunk),
             Request::Samples(block) => {
                 let start = board.ticks();
                 let taken = self.logger.push(block.first_sample, &block.counts);
@@ -227,6 +230,9 @@ impl<F: NorFlash> Desk<F> {
                 Outcome::Done
             }
             Request::Clear => {
+                if self.setup_state().generation > 0 {
+                    self.load_setup();
+                }
                 self.logger.clear();
                 self.keep_evidence();
                 Outcome::Done
@@ -243,11 +249,18 @@ impl<F: NorFlash> Desk<F> {
     }
 
     fn status(&mut self, rejected: u32, board: &mut impl Board) -> Status {
-        let fill = self.ends.as_mut().and_then(|ends| ends.outbox.fill().ok());
+        let setup = self.setup_state();
+        let ends = self.ends.as_mut();
+        let (fill, starts, key) = ends.map_or((None, 0, 0), |ends| {
+            let starts = ends.outbox.starts();
+            (ends.outbox.fill().ok(), starts, ends.session.key_number())
+        });
         Status {
             waiting: fill.map_or(0, |fill| fill.alerts.saturating_add(fill.reports)),
             track: self.logger.track_state(),
-            setup: self.setup_state(),
+            setup,
+            starts,
+            key,
             samples: self.logger.samples(),
             passages: self.logger.passages(),
             alerts: self.logger.alerts(),

@@ -26,6 +26,7 @@ impl<F: NorFlash> Desk<F> {
     }
 
     pub(super) fn configure(&mut self, configuration: Configuration) -> Outcome {
+        self.leave_setup();
         let mut bytes = [0; CONFIGURATION_BYTES];
         // Every configuration fits: tests/frames.rs writes the largest.
         let kept = postcard::to_slice(&configuration, &mut bytes);
@@ -40,6 +41,7 @@ impl<F: NorFlash> Desk<F> {
     }
 
     pub(super) fn take_piece(&mut self, item: Item, chunk: &Chunk) -> Outcome {
+        self.leave_setup();
         match self.logger.take_piece(item, chunk) {
             Outcome::Done => {}
             // It begins again.
@@ -55,6 +57,13 @@ impl<F: NorFlash> Desk<F> {
         match self.logger.delivered(item).filter(|_| whole) {
             Some(bytes) => outcome(stage(self.ends.as_mut(), part, bytes)),
             None => Outcome::Done,
+        }
+    }
+
+    /// The logger is given something else than it keeps: until it goes back to that what it learns of the bridge is not kept either.
+    fn leave_setup(&mut self) {
+        if let Some(ends) = self.ends.as_mut() {
+            ends.by_setup = false;
         }
     }
 
@@ -79,7 +88,11 @@ impl<F: NorFlash> Desk<F> {
             return Outcome::Settings(SettingsError::Flash);
         };
         match request {
-            SetupRequest::Begin => outcome(ends.settings.begin()),
+            SetupRequest::Begin => {
+                // Without a track of its own the setup is one without a track.
+                self.logger.forget_track();
+                outcome(ends.settings.begin())
+            }
             SetupRequest::Keep => {
                 let kept = ends.settings.commit();
                 if let Ok(generation) = kept {
@@ -87,6 +100,7 @@ impl<F: NorFlash> Desk<F> {
                         generation,
                         rolled_back: false,
                     };
+                    ends.by_setup = true;
                     self.keep_evidence();
                 }
                 outcome(kept.map(|_| ()))
@@ -138,6 +152,7 @@ impl<F: NorFlash> Desk<F> {
                             generation: setup.generation(),
                             rolled_back,
                         };
+                        ends.by_setup = true;
                     }
                     return;
                 }
@@ -148,6 +163,7 @@ impl<F: NorFlash> Desk<F> {
 
     /// Gives the logger what a setup has.
     fn load(&mut self, setup: Setup) -> Result<(), SettingsError> {
+        self.logger.forget_track();
         for (part, item) in [(Part::Model, Item::Model), (Part::Track, Item::Track)] {
             let mut offset = 0;
             loop {
@@ -178,10 +194,10 @@ impl<F: NorFlash> Desk<F> {
     }
 
     // Not inlined: what turns an evidence into bytes must not stand on the stack under the logger's work.
-    /// Keeps what all passages say of the bridge, if the logger could go on from it after a restart.
+    /// Keeps what all passages say of the bridge, if the logger watches with the setup that it would go on with after a restart.
     #[inline(never)]
     pub(super) fn keep_evidence(&mut self) {
-        let Some(ends) = self.ends.as_mut().filter(|ends| ends.setup.generation > 0) else {
+        let Some(ends) = self.ends.as_mut().filter(|ends| ends.by_setup) else {
             return;
         };
         let kept = ends.outbox.keep_evidence(self.logger.evidence_bytes());
@@ -204,6 +220,8 @@ impl<F: NorFlash> Desk<F> {
     /// Keeps another key; [`Self::use_key`] begins a session by it.
     pub(super) fn take_key(&mut self, new: &NewKey) -> Outcome {
         match self.ends.as_mut() {
+            // A slip of the pen must not make one logger another.
+            Some(ends) if !ends.session.may_become(new.device) => Outcome::Settings(SettingsError::Refused),
             Some(ends) => outcome(ends.settings.set_identity(&identity(new))),
             None => Outcome::Settings(SettingsError::Flash),
         }

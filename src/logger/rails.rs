@@ -52,6 +52,12 @@ impl Rails {
         self.damp(bridge);
     }
 
+    /// Nothing is known of the track any more.
+    pub(super) fn forget(&mut self, bridge: &mut ReducedBridge<f32>) {
+        bridge.rayleigh = self.rayleigh;
+        self.follow(bridge, false);
+    }
+
     fn damp(&self, bridge: &mut ReducedBridge<f32>) {
         let damping = self.learnt().damping;
         bridge.rayleigh = self.rayleigh.map(|coefficient| coefficient * damping);

@@ -99,8 +99,8 @@ pub struct LoggerEnd {
     starts: u32,
     sessions: u32,
     channel: Option<Channel>,
-    /// The nonce of the last hello, until it is welcomed.
-    hello: Option<[u8; NONCE_BYTES]>,
+    /// The last hello, until it is welcomed.
+    hello: Option<Hello>,
     next_hello: BackOff,
     last_hello_ms: Option<u64>,
     heard_ms: u64,
@@ -152,6 +152,16 @@ impl LoggerEnd {
         self.clock_offset_ms
     }
 
+    /// The number of its key.
+    pub fn key_number(&self) -> u8 {
+        self.key_number
+    }
+
+    /// Whether this end may get a key of `device`: of its own number, or of any while it has the key that everybody knows.
+    pub fn may_become(&self, device: Device) -> bool {
+        device == self.device || self.key.is_demo()
+    }
+
     /// Another name and key. The session is over; the next is by these.
     pub fn replace_identity(&mut self, identity: Identity) {
         self.device = identity.device;
@@ -193,11 +203,11 @@ impl LoggerEnd {
     }
 
     fn on_welcome(&mut self, frame: Frame<'_>, now_ms: u64, parcels: &mut impl Parcels) -> Result<(), OutboxError> {
-        let Some(nonce) = self.hello else {
+        let Some(hello) = self.hello else {
             self.refusals.count(Refused::Replayed);
             return Ok(());
         };
-        let Some((channel, welcome)) = read_welcome(frame, &self.key, &nonce) else {
+        let Some((channel, welcome)) = read_welcome(frame, &self.key, &hello) else {
             self.refusals.count(Refused::Forged);
             return Ok(());
         };
@@ -389,7 +399,6 @@ impl LoggerEnd {
             .chain(self.sessions.to_le_bytes())
             .chain(entropy.to_le_bytes());
         nonce.iter_mut().zip(parts).for_each(|(place, byte)| *place = byte);
-        self.hello = Some(nonce);
         self.last_hello_ms = Some(now_ms);
         self.next_hello.tried(now_ms);
         let hello = Hello {
@@ -398,6 +407,7 @@ impl LoggerEnd {
             stream,
             nonce,
         };
+        self.hello = Some(hello);
         out.write_with(Kind::Hello, self.sessions, |room| {
             let bytes = hello.to_bytes();
             room.get_mut(..bytes.len())?.copy_from_slice(&bytes);
@@ -456,12 +466,13 @@ pub(super) fn seal<'b>(
 }
 
 /// Opens a welcome: the base station's nonce, and what is sealed behind it as its frame number 0.
-fn read_welcome(frame: Frame<'_>, key: &Key, logger: &[u8; NONCE_BYTES]) -> Option<(Channel, Welcome)> {
+fn read_welcome(frame: Frame<'_>, key: &Key, hello: &Hello) -> Option<(Channel, Welcome)> {
     let (kind, counter) = (frame.kind as u8, frame.sequence);
     let (nonce, sealed) = frame.payload.split_first_chunk_mut::<NONCE_BYTES>()?;
     let (bytes, tag) = sealed.split_last_chunk_mut::<16>()?;
-    let mut channel = Channel::new(End::Logger, key, logger, nonce);
+    let mut channel = Channel::new(End::Logger, key, hello, nonce);
     channel.open(kind, counter, bytes, tag).ok()?;
-    let (welcome, _) = postcard::take_from_bytes(bytes).ok()?;
-    Some((channel, welcome))
+    let (welcome, _) = postcard::take_from_bytes::<Welcome>(bytes).ok()?;
+    // A series that has a name keeps it.
+    (hello.stream == 0 || hello.stream == welcome.stream).then_some((channel, welcome))
 }

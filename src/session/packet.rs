@@ -115,6 +115,13 @@ pub struct Time {
 }
 
 impl Hello {
+    /// Device, key and series, as they go into the session's keys.
+    pub(super) fn name(&self) -> [u8; NONCE_BYTES] {
+        let [d0, d1, d2, d3] = self.device.to_le_bytes();
+        let [s0, s1, s2, s3] = self.stream.to_le_bytes();
+        [d0, d1, d2, d3, self.key, s0, s1, s2, s3, 0, 0, 0, 0, 0, 0, 0]
+    }
+
     pub(super) fn to_bytes(self) -> [u8; BRING_UP_BYTES] {
         let mut bytes = [0; BRING_UP_BYTES];
         let parts = (self.device.to_le_bytes().into_iter())

@@ -1,19 +1,19 @@
 //! Keys, and what they seal.
 //!
 //! ```text
-//! session key   = HChaCha20(HChaCha20(device key, logger's nonce), station's nonce)
-//! direction key = HChaCha20(session key, "spanwatch 1 l->s" or "spanwatch 1 s->l")
+//! session key   = HChaCha20(HChaCha20(HChaCha20(device key, who says hello), logger's nonce), station's nonce)
+//! direction key = HChaCha20(session key, "spanwatch 2 l->s" or "spanwatch 2 s->l")
 //! sealed frame  = ChaCha20-Poly1305(direction key, nonce = counter, associated data = kind and counter)      RFC 8439
 //! ```
 //!
 //! HChaCha20 (the key derivation of XChaCha20, draft-irtf-cfrg-xchacha) is a pseudorandom function of 16 bytes under a key of 32, so a
-//! cascade of it is one of both nonces; it is already in the image. Counters begin at 0 in every session and never return: a session ends
+//! cascade of it is one of all that both ends have said in the clear; it is already in the image. Counters begin at 0 in every session and never return: a session ends
 //! before 2³² frames. The names of the directions carry the version: an end of another version derives other keys.
 
 use chacha20::R20;
 
 use super::aead::{self, TAG_BYTES};
-use super::packet::NONCE_BYTES;
+use super::packet::{Hello, NONCE_BYTES};
 
 /// Bytes of a key.
 pub const KEY_BYTES: usize = 32;
@@ -67,8 +67,8 @@ pub enum End {
 impl End {
     const fn direction(self) -> &'static [u8; NONCE_BYTES] {
         match self {
-            Self::Logger => b"spanwatch 1 l->s",
-            Self::Station => b"spanwatch 1 s->l",
+            Self::Logger => b"spanwatch 2 l->s",
+            Self::Station => b"spanwatch 2 s->l",
         }
     }
 
@@ -103,9 +103,10 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// The channel of `end` that the device's key and the two nonces make.
-    pub fn new(end: End, key: &Key, logger: &[u8; NONCE_BYTES], station: &[u8; NONCE_BYTES]) -> Self {
-        let session = key.derive(logger).derive(station);
+    /// The channel of `end` that the device's key, the logger's hello and the station's nonce make: a hello that was changed on its way makes
+    /// none.
+    pub fn new(end: End, key: &Key, hello: &Hello, station: &[u8; NONCE_BYTES]) -> Self {
+        let session = key.derive(&hello.name()).derive(&hello.nonce).derive(station);
         Self {
             send: session.derive(end.direction()),
             receive: session.derive(end.other().direction()),

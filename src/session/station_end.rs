@@ -244,7 +244,7 @@ impl StationEnd {
         if self.channel.is_none() {
             self.knock_at_ms = Some(now_ms.saturating_add(OFFER_MS));
         }
-        let mut channel = Channel::new(End::Station, key, &hello.nonce, &nonce);
+        let mut channel = Channel::new(End::Station, key, hello, &nonce);
         let counter = channel.next_counter()?;
         let written = out.write_with(Kind::Welcome, counter, |room| {
             let (place, rest) = room.split_first_chunk_mut::<NONCE_BYTES>()?;

@@ -40,7 +40,7 @@ pub enum SettingsError {
     NotBegun,
     /// There is no such item.
     Nothing,
-    /// None of those on the flash is one that this logger takes.
+    /// None of the setups on the flash is one that this logger takes; or the key is for another logger, or not known to the base station.
     Refused,
 }
 
@@ -51,7 +51,7 @@ impl fmt::Display for SettingsError {
             Self::Full => "there is no room for it on the flash",
             Self::NotBegun => "the setup was not begun, or a part of it was refused; begin it again",
             Self::Nothing => "the logger keeps no such thing",
-            Self::Refused => "the logger takes none of the setups on its flash",
+            Self::Refused => "it is not one that may be used here",
         })
     }
 }

@@ -649,6 +649,10 @@ pub struct Status {
     pub track: TrackState,
     /// What it has kept, and watches with.
     pub setup: SetupState,
+    /// Starts so far.
+    pub starts: u32,
+    /// Number of the key that it has.
+    pub key: u8,
     /// What the work has cost.
     pub effort: Effort,
     /// The board's own state.

@@ -351,9 +351,15 @@ impl Scene {
             0 => Key::DEMO,
             _ => Key::new(self.chance.bytes(32).try_into().unwrap_or_default()),
         };
-        let nonces = [0, 1].map(|_| self.chance.bytes(16).try_into().unwrap_or_default());
+        let [logger, station] = [0, 1].map(|_| self.chance.bytes(16).try_into().unwrap_or_default());
+        let hello = Hello {
+            device: DEVICE,
+            key: 0,
+            stream: 1,
+            nonce: logger,
+        };
         let end = [End::Station, End::Logger][to];
-        let channel = Channel::new(end, &key, &nonces[0], &nonces[1]);
+        let channel = Channel::new(end, &key, &hello, &station);
         let kinds = [
             [Kind::Request, Kind::Receipt, Kind::Time],
             [Kind::Parcel, Kind::Heartbeat, Kind::Answer],

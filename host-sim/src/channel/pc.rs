@@ -2,7 +2,7 @@
 //!
 //! Its flash has the layout that the image's has in QEMU, in memory or in a file that outlives it.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -27,6 +27,20 @@ struct Cells {
     file: Option<File>,
 }
 
+/// Opens a file for a logger's flash, or makes it: nobody but its owner can read the key in it, and no other logger runs on it meanwhile.
+pub(super) fn open_flash(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let file = options.open(path)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(io::Error::other("a logger runs on it")),
+        Err(TryLockError::Error(error)) => Err(error),
+    }
+}
+
 /// A partition of a logger's flash.
 #[derive(Clone)]
 pub struct PcFlash {
@@ -48,12 +62,7 @@ impl PcFlash {
     /// has them at its beginning.
     pub fn in_file(path: &Path) -> Result<[Self; 2]> {
         let open = || -> io::Result<Cells> {
-            let mut file = OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .open(path)?;
+            let mut file = open_flash(path)?;
             let mut bytes = vec![];
             (&mut file).take(FLASH_BYTES as u64).read_to_end(&mut bytes)?;
             if bytes.len() < FLASH_BYTES {

@@ -19,6 +19,7 @@ use anyhow::{Context, anyhow, bail};
 use defmt_decoder::{DecodeError, Table};
 
 use super::Channel;
+use super::pc::open_flash;
 
 const PROGRAM: &str = "qemu-system-arm";
 const MACHINE: &str = "mps2-an386";
@@ -43,8 +44,8 @@ pub struct Qemu {
     log: Lines,
     complaints: Lines,
     readers: Vec<JoinHandle<()>>,
-    /// Its flash, where nobody else keeps it.
-    _flash: Option<OwnFlash>,
+    /// Its flash: as long as it is open no other logger runs on it.
+    _flash: File,
 }
 
 impl Qemu {
@@ -57,10 +58,9 @@ impl Qemu {
     /// # Errors
     /// The image is missing or no image of the logger, QEMU is not installed, or it does not start.
     pub fn start(image: &Path, icount: bool, show_log: bool) -> anyhow::Result<Self> {
+        // Its file has a name only until QEMU has it open.
         let flash = OwnFlash::new();
-        let mut qemu = Self::start_on(image, &flash.0, icount, show_log)?;
-        qemu._flash = Some(flash);
-        Ok(qemu)
+        Self::start_on(image, &flash.0, icount, show_log)
     }
 
     /// As [`Self::start`], with the flash of the outbox in the file `flash`, which is made if it is not there. An image that is started again
@@ -75,9 +75,8 @@ impl Qemu {
         let table = Table::parse(&elf)
             .map_err(|error| anyhow!("{} is no image of the logger: {error:#}", image.display()))?
             .with_context(|| format!("{} is no image of the logger: it logs nothing", image.display()))?;
-        let sized = File::options().create(true).truncate(false).write(true).open(flash);
-        sized
-            .and_then(|file| file.set_len(PSRAM_BYTES))
+        let flash_file = open_flash(flash)
+            .and_then(|file| file.set_len(PSRAM_BYTES).map(|()| file))
             .with_context(|| format!("cannot use {} as a logger's flash", flash.display()))?;
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("no loopback port is free for QEMU")?;
         listener.set_nonblocking(true)?;
@@ -130,7 +129,7 @@ impl Qemu {
                 log,
                 complaints,
                 readers,
-                _flash: None,
+                _flash: flash_file,
             }),
             Err(error) => {
                 end(&mut child, readers);
@@ -219,7 +218,7 @@ impl Drop for Qemu {
     }
 }
 
-/// A file for the board's PSRAM, and so for its flash, that goes with the logger.
+/// The name of a file for the board's PSRAM, and so for its flash, that goes with the logger.
 struct OwnFlash(PathBuf);
 
 impl OwnFlash {

@@ -51,6 +51,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             arguments.keys.display()
         );
     }
+    if ring.console_is_open() && !ring.is_demo() {
+        eprintln!(
+            "The console has no key of its own: whoever can use this computer can give orders. `host-sim keys console` makes one."
+        );
+    }
     let address = listener.local_addr()?;
     base.listen(listener);
     base.take_orders(console);

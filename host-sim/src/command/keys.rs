@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand};
+use host_sim::channel::Via;
 use host_sim::channel::pc::PcFlash;
 use host_sim::keys::{DEFAULT_FILE, KeyFile};
 use spanwatch::session::Device;
@@ -77,6 +78,9 @@ pub(super) struct Remove {
     /// Number of the key
     #[arg(long)]
     number: u8,
+    /// Also if it is the newest: the logger, or the key, is lost
+    #[arg(long)]
+    lost: bool,
 }
 
 pub(super) fn run(command: &Command) -> Result<()> {
@@ -134,6 +138,11 @@ pub(super) fn run(command: &Command) -> Result<()> {
             ))
         }
         Command::Rotate(arguments) => {
+            if let Via::Station(_, logger) = arguments.reach.via
+                && logger != arguments.logger
+            {
+                bail!("--via names logger {logger}, and --logger {}", arguments.logger);
+            }
             let mut station = arguments.reach.station()?;
             // Nothing is made for a logger that is not there.
             station.status()?;
@@ -152,7 +161,7 @@ pub(super) fn run(command: &Command) -> Result<()> {
         }
         Command::Remove(arguments) => {
             let file = KeyFile::at(&arguments.keys.file);
-            file.remove(arguments.logger, arguments.number)?;
+            file.remove(arguments.logger, arguments.number, arguments.lost)?;
             super::print(&format!(
                 "Key {} of logger {} is taken out of {}.\n",
                 arguments.number,

@@ -160,6 +160,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     let Some(status) = last else { return Ok(()) };
+    if status.setup.generation > 0 {
+        // It was given what the recordings need; it goes on with what it keeps.
+        station.reload_setup()?;
+    }
     let rejected = u64::from(station.rejected()) + u64::from(status.rejected);
     if arguments.json {
         return super::print_json(&json!({

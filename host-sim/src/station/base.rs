@@ -193,6 +193,8 @@ impl Base {
                 store: None,
                 source,
                 answer: None,
+                key: 0,
+                outdated: false,
             },
             id: self.lines.fetch_add(1, Ordering::Relaxed),
             orders,
@@ -272,6 +274,9 @@ impl Attendant<'_> {
     fn turn(&mut self) -> Result<()> {
         let quick = (self.logger).is_some_and(|logger| self.desk.base.consoles().get(&logger).is_some_and(|&c| c > 0));
         self.line.turn(if quick { QUICK_TURN } else { TURN }, &mut self.desk)?;
+        if self.desk.outdated {
+            anyhow::bail!("the logger's key was taken out of the file");
+        }
         if self.line.sessions() != self.sessions {
             self.sessions = self.line.sessions();
             self.is_here();
@@ -357,6 +362,9 @@ struct Counter<'b> {
     store: Option<Store>,
     source: &'b str,
     answer: Option<(u32, Answer)>,
+    /// The key by which a session was offered last, and whether it is known no more.
+    key: u8,
+    outdated: bool,
 }
 
 impl Counter<'_> {
@@ -410,6 +418,7 @@ impl Desk for Counter<'_> {
             stored,
             time_ms: now_ms(),
         };
+        self.key = hello.key;
         Some((key, welcome))
     }
 
@@ -441,6 +450,8 @@ impl Desk for Counter<'_> {
     }
 
     fn heartbeat(&mut self, logger: Device, series: u32, heartbeat: &Heartbeat) {
+        // A key that was taken out ends the session that was begun by it.
+        self.outdated = matches!(self.base.keys.ring(), Ok(ring) if ring.find(logger, self.key).is_none());
         self.with_store(|store, _| store.heartbeat(logger, series, heartbeat, now_ms()));
     }
 
@@ -451,5 +462,10 @@ impl Desk for Counter<'_> {
 
 /// A listener at `address`, or why there is none.
 pub fn listener(address: &str) -> Result<TcpListener> {
-    TcpListener::bind(address).map_err(|error: io::Error| anyhow::anyhow!("cannot listen at {address}: {error}"))
+    TcpListener::bind(address).map_err(|error: io::Error| match error.kind() {
+        io::ErrorKind::AddrInUse => {
+            anyhow::anyhow!("cannot listen at {address}: another program does; is it another base station?")
+        }
+        _ => anyhow::anyhow!("cannot listen at {address}: {error}"),
+    })
 }

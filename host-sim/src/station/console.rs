@@ -150,7 +150,7 @@ impl Open {
         let (reply, answer) = mpsc::channel();
         let order = Order { request, reply };
         let request = order.request.clone();
-        if is_allowed(&request, base) {
+        if is_allowed(&request, logger, base) {
             base.order(logger, order);
         } else {
             let refusal = Acknowledgement {
@@ -180,10 +180,10 @@ impl Open {
 }
 
 /// A key that the base station does not have would shut the logger out.
-fn is_allowed(request: &Request, base: &Base) -> bool {
+fn is_allowed(request: &Request, logger: Device, base: &Base) -> bool {
     let Request::Key(new) = request else { return true };
     let known = base.keys.ring().ok().and_then(|ring| ring.find(new.device, new.number));
-    known.is_some_and(|key| *key.bytes() == new.key)
+    new.device == logger && known.is_some_and(|key| *key.bytes() == new.key)
 }
 
 /// Which logger is meant.

@@ -29,7 +29,7 @@ use store::Origin;
 
 /// The session is looked at so often.
 const TURN: Duration = Duration::from_millis(100);
-/// A logger that has a new key, or starts again, says hello within this time.
+/// A logger that starts again has a session again within this time.
 const SESSION_TIMEOUT: Duration = Duration::from_secs(90);
 /// A request that is not answered is sent again after this time; asking twice does no harm.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
@@ -251,33 +251,31 @@ impl Station {
         }
     }
 
-    /// The logger starts again. It does not answer that; it says hello when it has.
+    /// The logger starts again.
     pub fn restart(&mut self) -> Result<()> {
-        self.status()?;
-        self.sequence = self.sequence.wrapping_add(1);
-        self.line.request(self.sequence, &Request::Restart)?;
-        self.wait_for_session()
+        let before = self.status()?.starts;
+        self.command(&Request::Restart)?;
+        let deadline = Instant::now() + SESSION_TIMEOUT;
+        while self.status()?.starts == before {
+            if Instant::now() > deadline {
+                bail!("the logger has not started again for {} s", SESSION_TIMEOUT.as_secs());
+            }
+            self.line.turn(BUSY_PAUSE, &mut self.desk)?;
+        }
+        Ok(())
     }
 
-    /// Gives the logger another name and key, by which it is asked for a session.
+    /// Gives the logger another key. Its answer to what it is asked next is one by that key: it has given up the session by the old one.
     pub fn replace_identity(&mut self, identity: &Identity) -> Result<()> {
+        self.desk.keys.trust(identity);
         self.command(&Request::Key(NewKey {
             device: identity.device,
             number: identity.key_number,
             key: *identity.key.bytes(),
         }))?;
-        self.wait_for_session()
-    }
-
-    /// Waits until the logger has begun another session.
-    fn wait_for_session(&mut self) -> Result<()> {
-        let before = self.line.sessions();
-        let deadline = Instant::now() + SESSION_TIMEOUT;
-        while self.line.sessions() == before {
-            if Instant::now() > deadline {
-                bail!("the logger has begun no session for {} s", SESSION_TIMEOUT.as_secs());
-            }
-            self.line.turn(TURN, &mut self.desk)?;
+        let key = self.status()?.key;
+        if key != identity.key_number {
+            bail!("the logger still has its key {key}");
         }
         Ok(())
     }
@@ -419,7 +417,7 @@ impl Station {
             }
         };
         bail!(
-            "the logger does not answer: {tries} tries of {} s{refused}; is it switched on, and on the line?",
+            "the logger does not answer: {tries} tries of {} s{refused}; is it switched on, on the line (of the base station), and the key right?",
             ANSWER_TIMEOUT.as_secs()
         );
     }
@@ -432,11 +430,13 @@ fn done(answer: Acknowledgement) -> Result<bool> {
         Outcome::Configuration(error) => bail!("the logger refuses its configuration: {error}"),
         Outcome::Model(error) => bail!("the logger refuses the bridge model: {error}"),
         Outcome::Track(error) => bail!("the logger refuses the track: {error}"),
-        Outcome::Samples => bail!("the logger refuses the samples: it has no configuration, or they fit no channels"),
+        Outcome::Samples => bail!(
+            "the logger refuses the samples: it has started again, or has no configuration, or they fit no channels; replay again"
+        ),
         Outcome::Chunk => {
             bail!("the logger refuses a piece of the bridge model or the evidence: it is out of order or too long")
         }
         Outcome::Evidence(error) => bail!("the logger refuses the evidence: {error}"),
-        Outcome::Settings(error) => bail!("the logger has not kept it: {error}"),
+        Outcome::Settings(error) => bail!("the logger, or its base station, does not take it: {error}"),
     }
 }

@@ -16,9 +16,10 @@ CREATE TABLE series (
 -- What a logger's clock is worth: UTC less its time since that start.
 CREATE TABLE start (
     logger INTEGER NOT NULL,
+    series INTEGER NOT NULL,       -- a flash that was erased counts its starts anew
     start INTEGER NOT NULL,
     clock_offset_ms INTEGER NOT NULL,
-    PRIMARY KEY (logger, start)
+    PRIMARY KEY (logger, series, start)
 ) STRICT;
 CREATE TABLE message (
     id INTEGER PRIMARY KEY,

@@ -70,8 +70,7 @@ impl Store {
         Ok(())
     }
 
-    /// A logger has said hello on the line `source`: the series of its numbers, which is `series` unless it has none yet, and what of it is
-    /// stored.
+    /// Everything of a logger's series of numbers up to here is stored.
     pub fn stored(&self, logger: Device, series: u32) -> Result<u32> {
         let stored = self
             .connection
@@ -168,9 +167,11 @@ impl Store {
         let vitals = &heartbeat.vitals;
         let change = self.change()?;
         change.execute(
-            "INSERT INTO start (logger, start, clock_offset_ms) VALUES (?1, ?2, ?3) ON CONFLICT DO NOTHING",
+            "INSERT INTO start (logger, series, start, clock_offset_ms) VALUES (?1, ?2, ?3, ?4)
+             ON CONFLICT (logger, series, start) DO UPDATE SET clock_offset_ms = excluded.clock_offset_ms",
             params![
                 logger,
+                series,
                 heartbeat.starts,
                 now_ms.cast_signed().saturating_sub(heartbeat.uptime_ms.cast_signed())
             ],
@@ -300,16 +301,18 @@ fn insert_message(
     let offset_ms: Option<i64> = match notice {
         Some(notice) => change
             .query_row(
-                "SELECT clock_offset_ms FROM start WHERE logger = ?1 AND start = ?2",
-                params![origin.logger, notice.start],
+                "SELECT clock_offset_ms FROM start WHERE logger = ?1 AND series = ?2 AND start = ?3",
+                params![origin.logger, origin.series, notice.start],
                 |row| row.get(0),
             )
             .optional()?,
         None => None,
     };
-    let happened_ms = offset_ms
-        .zip(notice)
-        .map(|(offset_ms, notice)| offset_ms.saturating_add(notice.uptime_ms.cast_signed()));
+    let happened_ms = offset_ms.zip(notice).map(|(offset_ms, notice)| {
+        offset_ms
+            .saturating_add(notice.uptime_ms.cast_signed())
+            .min(now_ms.cast_signed())
+    });
     let new = change.execute(
         &format!(
             "INSERT INTO message (logger, series, number, previous, received_at, happened_at, source, kind, version, payload)

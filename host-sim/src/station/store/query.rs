@@ -51,12 +51,12 @@ impl Topic {
                  FROM alert LEFT JOIN message ON message.id = alert.message"
             }
             Self::Elements => {
-                "SELECT message.logger, coalesce(happened_at, alert.received_at) AS at, number, element, damage, damage_low, damage_high,
+                "SELECT message.logger, coalesce(happened_at, alert.received_at) AS at, alert.received_at, number, element, damage, damage_low, damage_high,
                      certain
                  FROM alert JOIN alert_element ON alert_element.alert = alert.id LEFT JOIN message ON message.id = alert.message"
             }
             Self::Passages => {
-                "SELECT logger, coalesce(happened_at, received_at) AS at, number, passage, verdict, speed_kmh, load_factor, stiffness_factor,
+                "SELECT logger, coalesce(happened_at, received_at) AS at, received_at, number, passage, verdict, speed_kmh, load_factor, stiffness_factor,
                      unexplained, hidden, change, level_db, bad_samples, reason
                  FROM passage JOIN message ON message.id = passage.message"
             }
@@ -78,7 +78,14 @@ impl Store {
         }
         if let Some(since) = since {
             values.push(since.into());
-            sql += &format!(" AND at >= ?{}", values.len());
+            let number = values.len();
+            sql += &match topic {
+                // What happened before and has come since is news, too.
+                Topic::Alerts | Topic::Elements | Topic::Passages => {
+                    format!(" AND (at >= ?{number} OR received_at >= ?{number})")
+                }
+                Topic::Loggers | Topic::Health | Topic::Gaps => format!(" AND at >= ?{number}"),
+            };
         }
         sql += " ORDER BY at";
         let mut statement = self.connection.prepare(&sql)?;
