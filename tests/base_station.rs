@@ -176,6 +176,45 @@ fn killed_and_started_again_it_loses_nothing() {
 }
 
 #[test]
+fn orders_reach_a_logger_through_it_and_end_when_they_are_done() {
+    let folder = TempDir::new().expect("a folder");
+    let folder = folder.path();
+    KeyFile::at(&folder.join("spanwatch-keys.toml"))
+        .add_console()
+        .expect("made");
+    let base = Program::new(folder);
+    logger(folder, 12, &base.loggers);
+    let via = format!("station:{}/12", base.console);
+    let order = |arguments: &[&str]| {
+        let output = host_sim(folder, &[arguments, &["--via", &via]].concat());
+        (
+            output.status.success(),
+            String::from_utf8_lossy(&output.stderr).into_owned(),
+        )
+    };
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/case1-60kmh.csv");
+    let recording = recording.to_str().expect("UTF-8");
+    assert!(order(&["setup", "write", "--like", recording]).0);
+    assert!(order(&["keys", "rotate", "--logger", "12"]).0);
+    assert!(
+        host_sim(folder, &["keys", "remove", "--logger", "12", "--number", "1"])
+            .status
+            .success()
+    );
+    assert!(order(&["setup", "restart"]).0);
+    assert!(order(&["setup", "read", "--out", "kept"]).0);
+    assert!(folder.join("kept/bridge.blob").exists() && folder.join("kept/configuration.json").exists());
+    assert!(order(&["replay", recording]).0);
+    assert_eq!(rows(folder, Topic::Alerts, Some(12), None).len(), 1);
+    // Afterwards it watches with what it keeps.
+    let status = base.station(folder, 12).status().expect("an answer");
+    assert_eq!((status.setup.generation, status.key, status.starts), (1, 2, 2));
+    // A slip of the pen makes no logger another.
+    let (done, text) = order(&["keys", "rotate", "--logger", "13"]);
+    assert!(!done && text.contains("--via names logger 12"), "{text}");
+}
+
+#[test]
 fn what_cannot_be_stored_is_not_confirmed_and_comes_again() {
     let folder = TempDir::new().expect("a folder");
     let folder = folder.path();

@@ -4,7 +4,7 @@
 use host_sim::campaign::{attack, link};
 use spanwatch::outbox::OutboxError;
 use spanwatch::session::packet::{Vitals, Welcome};
-use spanwatch::session::{HEARTBEAT_MS, Key, LoggerEnd, Parcels, StationEnd, ToLogger, ToStation};
+use spanwatch::session::{HEARTBEAT_MS, Hello, Key, LoggerEnd, Parcels, StationEnd, ToLogger, ToStation};
 use spanwatch::settings::Identity;
 use spanwatch::wire::message::Request;
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
@@ -167,6 +167,34 @@ fn a_request_is_taken_once_and_only_after_both_ends_are_sure() {
     assert_eq!(pair.requests, [Request::Status]);
     let refusals = pair.logger.refusals();
     assert_eq!((refusals.forged, refusals.replayed, refusals.unsealed), (0, 1, 2));
+}
+
+#[test]
+fn a_hello_that_was_changed_on_its_way_makes_no_session() {
+    let change: [fn(&mut Hello); 4] = [
+        |_| (),
+        |hello| hello.stream = 77,
+        |hello| hello.device = 2,
+        |hello| hello.nonce[0] ^= 1,
+    ];
+    for (n, change) in change.into_iter().enumerate() {
+        let mut pair = Pair::new(key(1), key(1));
+        let hello = pair.said().concat();
+        let hello = hello
+            .iter()
+            .find_map(|&byte| Hello::from_bytes(pair.decoders[1].push(byte)?.payload()));
+        let mut hello = hello.expect("it says hello first");
+        change(&mut hello);
+        let welcome = Welcome {
+            stream: hello.stream,
+            stored: 9,
+            time_ms: EPOCH_MS,
+        };
+        let mut out = FrameBuffer::new();
+        let offer = pair.station.welcome(&hello, &key(1), [3; 16], welcome, 0, &mut out);
+        pair.logger_hears(offer.expect("an offer"));
+        assert_eq!(pair.logger.is_up(), n == 0, "{hello:?}");
+    }
 }
 
 #[test]
