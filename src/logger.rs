@@ -344,6 +344,7 @@ impl Logger {
     /// Takes the rails for smooth again, and what was found by a learnt track for nothing.
     pub fn forget_track(&mut self) {
         if self.rails.learnt().is_learnt() {
+            self.end_work(Verdict::NotIdentified(Reason::Interrupted));
             self.rails.forget(&mut self.bridge);
             self.clear();
         }
