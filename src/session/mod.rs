@@ -13,7 +13,8 @@
 //! Two state machines that know no line, clock or memory but what they are given: [`LoggerEnd`] and [`StationEnd`]. Frames go in, frames
 //! come out, time is a number.
 //!
-//! - **Keys** ([`seal`]): one a device, by a number, so that it can be replaced; from it and two fresh nonces one for each direction.
+//! - **Keys** ([`seal`]): one a device, by a number, so that it can be replaced; from it, all that the hello says and a fresh nonce of the
+//!   station's, one for each direction: a hello that was changed on its way makes no session.
 //! - **Freshness**: frames are counted; one that came before, or is 64 behind the newest, is refused. Nothing in the clear changes
 //!   anything but that a knock is answered by a hello (two a second at most, and never longer than the knock), and a hello by a welcome.
 //!   The old session stays until a frame has come that only the true other end can have sealed for the new one.

@@ -106,6 +106,12 @@ fn as_text(said: &Said) -> String {
             );
             format!("logger {}, {}: {what}", origin.logger, origin.number)
         }
+        Said::Ordered { logger, order, allowed } => match allowed {
+            true => format!("logger {logger}: ordered to {order}"),
+            false => format!(
+                "logger {logger}: the order to {order} is refused: its key is not in the file, or another logger's"
+            ),
+        },
         Said::Lost { logger, after, upto } => format!(
             "logger {logger}: messages {} to {upto} are lost: it has been told that they were stored, and they are not here. Was another \
              database used, or this one set back?",
@@ -142,6 +148,9 @@ fn as_json(said: &Said) -> serde_json::Value {
                 "verdict": verdict,
                 "text": text,
             })
+        }
+        Said::Ordered { logger, order, allowed } => {
+            json!({"event": "order", "logger": logger, "order": order, "allowed": allowed})
         }
         Said::Lost { logger, after, upto } => {
             json!({"event": "lost", "logger": logger, "first": after + 1, "last": upto})

@@ -62,6 +62,15 @@ pub enum Said {
         /// What; none: it is of another version of the program, and stored as it came.
         notice: Option<Box<Notice>>,
     },
+    /// Somebody with the console's key has given an order that changes something.
+    Ordered {
+        /// Whom.
+        logger: Device,
+        /// What.
+        order: &'static str,
+        /// Whether it was passed on.
+        allowed: bool,
+    },
     /// Messages that the logger has forgotten are not stored: they are lost.
     Lost {
         /// Whose.
@@ -211,7 +220,7 @@ impl Base {
         }
     }
 
-    fn say(&self, said: Said) {
+    pub(super) fn say(&self, said: Said) {
         // Nobody listens any more: the program ends.
         let _ = self.said.send(said);
     }

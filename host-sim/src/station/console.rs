@@ -13,10 +13,10 @@ use spanwatch::outbox::OutboxError;
 use spanwatch::session::packet::Vitals;
 use spanwatch::session::{Device, LoggerEnd, Parcels, ToLogger};
 use spanwatch::settings::SettingsError;
-use spanwatch::wire::message::{Acknowledgement, Answer, Outcome, Request};
+use spanwatch::wire::message::{Acknowledgement, Answer, Outcome, Request, SetupRequest};
 use spanwatch::wire::{Decoder, FrameBuffer, Kind};
 
-use super::base::{Base, Order};
+use super::base::{Base, Order, Said};
 use super::line::chance;
 use super::store::Store;
 
@@ -150,7 +150,11 @@ impl Open {
         let (reply, answer) = mpsc::channel();
         let order = Order { request, reply };
         let request = order.request.clone();
-        if is_allowed(&request, logger, base) {
+        let allowed = is_allowed(&request, logger, base);
+        if let Some(order) = worth_a_word(&request) {
+            base.say(Said::Ordered { logger, order, allowed });
+        }
+        if allowed {
             base.order(logger, order);
         } else {
             let refusal = Acknowledgement {
@@ -176,6 +180,20 @@ impl Open {
             Err(TryRecvError::Disconnected) => *self = Self::new(self.number, self.request.clone(), logger, base),
         }
         None
+    }
+}
+
+/// What an order changes for good, or for long.
+fn worth_a_word(request: &Request) -> Option<&'static str> {
+    match request {
+        Request::Configure(_) => Some("configure"),
+        Request::Setup(SetupRequest::Begin) => Some("begin a setup"),
+        Request::Setup(SetupRequest::Keep) => Some("keep the setup"),
+        Request::Setup(SetupRequest::Reload) => Some("go back to the setup that it keeps"),
+        Request::Clear => Some("forget what the passages said of the bridge"),
+        Request::Key(_) => Some("use another key"),
+        Request::Restart => Some("start again"),
+        _ => None,
     }
 }
 
