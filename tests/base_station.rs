@@ -151,9 +151,13 @@ fn what_several_loggers_say_is_stored_once_and_can_be_asked_for() {
         serde_json::from_str(&asked(&["query", "passages", "--logger", "13", "--json"])).expect("JSON");
     assert_eq!((&json["logger"], &json["verdict"]), (&13.into(), &"damaged".into()));
     assert_eq!(asked(&["query", "alerts", "--csv"]).lines().count(), 4);
-    let wrong = host_sim(folder, &["query", "alerts", "--since", "someday"]);
-    assert_eq!(wrong.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&wrong.stderr).contains("\"someday\" is no time"));
+    let loggers = asked(&["query", "loggers", "--since", "2100-01-01"]);
+    assert!(loggers.contains("Viaduct 12") && loggers.contains("heard"), "{loggers}");
+    for when in ["someday", "36", "2026-02-30"] {
+        let wrong = host_sim(folder, &["query", "alerts", "--since", when]);
+        assert_eq!(wrong.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&wrong.stderr).contains("is no time"), "{when}");
+    }
 }
 
 #[test]

@@ -215,7 +215,10 @@ impl Base {
         };
         loop {
             if let Err(error) = attendant.turn() {
-                return format!("{error:#}");
+                let who = attendant
+                    .logger
+                    .map_or(String::new(), |logger| format!("logger {logger} is gone: "));
+                return format!("{who}{error:#}");
             }
         }
     }

@@ -36,17 +36,20 @@ pub struct Table {
 }
 
 impl Topic {
-    /// What is shown, by a query whose columns `logger` and `at` can be asked for.
+    /// What is shown, by a query whose columns `logger` and, but of the loggers, `at` can be asked for.
     const fn sql(self) -> &'static str {
         match self {
             Self::Loggers => {
-                "SELECT device AS logger, name, last_seen AS at, first_seen, source,
+                "SELECT device AS logger, name,
+                     CASE WHEN unixepoch('now') - unixepoch(last_seen) < 60 THEN 'heard'
+                          ELSE 'silent for ' || (unixepoch('now') - unixepoch(last_seen)) / 60 || ' minutes' END AS state,
+                     last_seen AS last_heard, first_seen, source,
                      (SELECT count(*) FROM message WHERE message.logger = device AND kind = 'alert') AS alerts,
                      (SELECT count(*) FROM message WHERE message.logger = device AND kind = 'passage') AS passages
                  FROM logger"
             }
             Self::Alerts => {
-                "SELECT message.logger, coalesce(happened_at, alert.received_at) AS at, alert.received_at, series, number, bridge, alert.source,
+                "SELECT message.logger, coalesce(happened_at, alert.received_at) AS at, alert.received_at, series, number, previous, bridge, alert.source,
                      passage, text
                  FROM alert LEFT JOIN message ON message.id = alert.message"
             }
@@ -56,7 +59,7 @@ impl Topic {
                  FROM alert JOIN alert_element ON alert_element.alert = alert.id LEFT JOIN message ON message.id = alert.message"
             }
             Self::Passages => {
-                "SELECT logger, coalesce(happened_at, received_at) AS at, received_at, number, passage, verdict, speed_kmh, load_factor, stiffness_factor,
+                "SELECT logger, coalesce(happened_at, received_at) AS at, received_at, number, previous, passage, verdict, speed_kmh, load_factor, stiffness_factor,
                      unexplained, hidden, change, level_db, bad_samples, reason
                  FROM passage JOIN message ON message.id = passage.message"
             }
@@ -84,10 +87,16 @@ impl Store {
                 Topic::Alerts | Topic::Elements | Topic::Passages => {
                     format!(" AND (at >= ?{number} OR received_at >= ?{number})")
                 }
-                Topic::Loggers | Topic::Health | Topic::Gaps => format!(" AND at >= ?{number}"),
+                Topic::Health | Topic::Gaps => format!(" AND at >= ?{number}"),
+                // One that is silent since then is what matters most.
+                Topic::Loggers => format!(" AND ?{number} IS NOT NULL"),
             };
         }
-        sql += " ORDER BY at";
+        sql += if topic == Topic::Loggers {
+            " ORDER BY logger"
+        } else {
+            " ORDER BY at"
+        };
         let mut statement = self.connection.prepare(&sql)?;
         let columns: Vec<String> = statement.column_names().map(str::to_owned).collect();
         let rows = statement.query_map(params_from_iter(values), |row| {
@@ -128,11 +137,13 @@ impl Store {
         let found: Option<Option<String>> = (self.connection)
             .query_row(
                 &format!("SELECT strftime('%Y-%m-%dT%H:%M:%fZ', {marks})"),
-                params_from_iter(modifiers),
+                params_from_iter(&modifiers),
                 |row| row.get(0),
             )
             .optional()?;
-        match found.flatten() {
+        // SQLite takes a lone number for a day of its own count, and the 30th of February for the 2nd of March.
+        let sound = |time: &String| modifiers.len() > 1 || time.get(..10) == text.get(..10);
+        match found.flatten().filter(sound) {
             Some(time) => Ok(time),
             None => bail!(
                 "\"{text}\" is no time: give a date (2026-11-23, 2026-11-23T14:00), a weekday, or how long ago (36h, 7d)"
