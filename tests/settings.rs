@@ -151,6 +151,8 @@ fn give_setup(station: &mut Station, prepared: &Prepared) {
         .expect("taken");
     station.configure(&prepared.watching()).expect("taken");
     station.keep_setup().expect("kept");
+    // It comes again, as if its answer had been lost.
+    station.keep_setup().expect("kept already");
 }
 
 /// Lets the train pass, without telling the logger anything but samples.

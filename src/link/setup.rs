@@ -91,8 +91,11 @@ impl<F: NorFlash> Desk<F> {
             SetupRequest::Begin => {
                 // Without a track of its own the setup is one without a track.
                 self.logger.forget_track();
+                ends.by_setup = false;
                 outcome(ends.settings.begin())
             }
+            // It came again, its answer lost.
+            SetupRequest::Keep if ends.by_setup => Outcome::Done,
             SetupRequest::Keep => {
                 let kept = ends.settings.commit();
                 if let Ok(generation) = kept {
