@@ -79,6 +79,16 @@ impl Drop for Program {
     }
 }
 
+/// A base station in a folder of its own, whose console has a key.
+fn with_console() -> (TempDir, Program) {
+    let folder = TempDir::new().expect("a folder");
+    KeyFile::at(&folder.path().join("spanwatch-keys.toml"))
+        .add_console()
+        .expect("made");
+    let base = Program::new(folder.path());
+    (folder, base)
+}
+
 fn case1() -> Prepared {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/case1-60kmh.csv");
     replay::prepare(&path, None, replay::DEFAULT_SEED).expect("a shipped recording")
@@ -114,12 +124,8 @@ fn rows(folder: &Path, topic: Topic, logger: Option<u32>, since: Option<&str>) -
 
 #[test]
 fn what_several_loggers_say_is_stored_once_and_can_be_asked_for() {
-    let folder = TempDir::new().expect("a folder");
+    let (folder, base) = with_console();
     let folder = folder.path();
-    KeyFile::at(&folder.join("spanwatch-keys.toml"))
-        .add_console()
-        .expect("made");
-    let base = Program::new(folder);
     let prepared = case1();
     for device in [12, 13, 14] {
         logger(folder, device, &base.loggers);
@@ -162,12 +168,8 @@ fn what_several_loggers_say_is_stored_once_and_can_be_asked_for() {
 
 #[test]
 fn killed_and_started_again_it_loses_nothing() {
-    let folder = TempDir::new().expect("a folder");
+    let (folder, mut base) = with_console();
     let folder = folder.path();
-    KeyFile::at(&folder.join("spanwatch-keys.toml"))
-        .add_console()
-        .expect("made");
-    let mut base = Program::new(folder);
     logger(folder, 12, &base.loggers);
     let prepared = case1();
     for passages in 1..=3 {
@@ -181,12 +183,8 @@ fn killed_and_started_again_it_loses_nothing() {
 
 #[test]
 fn orders_reach_a_logger_through_it_and_end_when_they_are_done() {
-    let folder = TempDir::new().expect("a folder");
+    let (folder, base) = with_console();
     let folder = folder.path();
-    KeyFile::at(&folder.join("spanwatch-keys.toml"))
-        .add_console()
-        .expect("made");
-    let base = Program::new(folder);
     logger(folder, 12, &base.loggers);
     let via = format!("station:{}/12", base.console);
     let order = |arguments: &[&str]| {
@@ -220,12 +218,8 @@ fn orders_reach_a_logger_through_it_and_end_when_they_are_done() {
 
 #[test]
 fn what_cannot_be_stored_is_not_confirmed_and_comes_again() {
-    let folder = TempDir::new().expect("a folder");
+    let (folder, base) = with_console();
     let folder = folder.path();
-    KeyFile::at(&folder.join("spanwatch-keys.toml"))
-        .add_console()
-        .expect("made");
-    let base = Program::new(folder);
     logger(folder, 12, &base.loggers);
     let prepared = case1();
     let mut station = base.station(folder, 12);
@@ -251,12 +245,8 @@ fn what_cannot_be_stored_is_not_confirmed_and_comes_again() {
 
 #[test]
 fn a_logger_whose_key_is_not_known_is_not_heard() {
-    let folder = TempDir::new().expect("a folder");
+    let (folder, base) = with_console();
     let folder = folder.path();
-    KeyFile::at(&folder.join("spanwatch-keys.toml"))
-        .add_console()
-        .expect("made");
-    let base = Program::new(folder);
     // One has a key of another file, one the key that everybody knows.
     let others = TempDir::new().expect("a folder");
     logger(others.path(), 12, &base.loggers);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use host_sim::station::store::{Cell, Store, Table, Topic};
 use serde_json::{Map, Value};
 
@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 pub(super) struct Arguments {
     /// What is asked for
     #[arg(value_enum)]
-    topic: What,
+    topic: Topic,
     /// SQLite file of the base station
     #[arg(long, default_value = "spanwatch.sqlite", value_name = "FILE")]
     database: PathBuf,
@@ -29,35 +29,12 @@ pub(super) struct Arguments {
     csv: bool,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum What {
-    /// Who is known, and when each was heard last
-    Loggers,
-    /// Damage
-    Alerts,
-    /// Each alert's elements, with their ranges
-    Elements,
-    /// Trains that have passed
-    Passages,
-    /// How the loggers were
-    Health,
-    /// What is missing: seen as missing, dropped for lack of room, lost
-    Gaps,
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if !arguments.database.exists() {
         bail!("there is no database {}", arguments.database.display());
     }
-    let topic = match arguments.topic {
-        What::Loggers => Topic::Loggers,
-        What::Alerts => Topic::Alerts,
-        What::Elements => Topic::Elements,
-        What::Passages => Topic::Passages,
-        What::Health => Topic::Health,
-        What::Gaps => Topic::Gaps,
-    };
-    let table = Store::open(&arguments.database)?.query(topic, arguments.logger, arguments.since.as_deref())?;
+    let table =
+        Store::open(&arguments.database)?.query(arguments.topic, arguments.logger, arguments.since.as_deref())?;
     if arguments.json {
         return table.rows.iter().try_for_each(|row| {
             let cells = table.columns.iter().zip(row);

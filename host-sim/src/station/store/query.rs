@@ -1,6 +1,7 @@
 //! Questions to the file: which loggers, which alerts since when.
 
 use anyhow::{Result, bail};
+use clap::ValueEnum;
 use rusqlite::types::Value;
 use rusqlite::{OptionalExtension, params_from_iter};
 
@@ -10,19 +11,19 @@ use super::Store;
 pub type Cell = Value;
 
 /// What is asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Topic {
-    /// Who is known, and when each was heard last.
+    /// Who is known, and when each was heard last
     Loggers,
-    /// Damage.
+    /// Damage
     Alerts,
-    /// Each alert's elements.
+    /// Each alert's elements, with their ranges
     Elements,
-    /// Trains that have passed.
+    /// Trains that have passed
     Passages,
-    /// How the loggers were.
+    /// How the loggers were
     Health,
-    /// What is missing.
+    /// What is missing: seen as missing, dropped for lack of room, lost
     Gaps,
 }
 
