@@ -358,14 +358,13 @@ impl Logger {
     /// Writes what all passages say of the bridge into `buffer`; nothing if there is no room.
     pub fn evidence<'b>(&self, buffer: &'b mut [u8]) -> &'b [u8] {
         self.evidence
-            .to_bytes(&self.rails.basis(self.model_crc), buffer)
+            .to_bytes(&self.rails.basis(self.model_crc), self.rails.watch, buffer)
             .unwrap_or_default()
     }
 
     /// Goes on from what [`Self::evidence`] wrote, for the same bridge model, before a restart.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EvidenceError> {
-        self.evidence = Evidence::from_bytes(bytes, &self.rails.basis(self.model_crc), self.evidence.forgetting())?;
-        Ok(())
+        self.rails.restore(bytes, self.model_crc, &mut self.evidence)
     }
 
     /// Forgets what all passages say of the bridge.
@@ -576,7 +575,10 @@ impl Logger {
             .rails
             .watch
             .judge(learnt, report.passage, doubt.is_none().then_some(misfit));
-        if let Finding::Changed { since } = finding {
+        if let Finding::Changed { since, creeping } = finding {
+            if creeping {
+                self.evidence.forget_recent();
+            }
             let report = TrackReport {
                 passage: report.passage,
                 since,
@@ -676,11 +678,7 @@ impl Logger {
 
     /// Remembers that the samples which the stream still has are those of a passage that the learnt track did not explain, if it was that.
     fn remember(&mut self, passage: u32, first_sample: u64, reason: Reason) {
-        let of_the_track = matches!(
-            reason,
-            Reason::AnotherTrack | Reason::Uncalibrated | Reason::Unexplained | Reason::Implausible
-        );
-        if of_the_track && self.rails.learnt().is_learnt() {
+        if reason.may_be_the_track() && self.rails.learnt().is_learnt() {
             self.strange = Strange {
                 passage,
                 first_sample,

@@ -157,8 +157,9 @@ fn an_evidence_that_another_track_leaves_nothing_of_can_be_gone_on_from() {
     evidence.add(&huge);
     evidence.retire(&track);
     let mut buffer = [0; EVIDENCE_BYTES];
-    let bytes = evidence.to_bytes(&basis, &mut buffer).expect("room");
-    assert_eq!(Evidence::from_bytes(bytes, &basis, Forgetting::NEVER), Ok(evidence));
+    let bytes = evidence.to_bytes(&basis, Watch::NEW, &mut buffer).expect("room");
+    let read = Evidence::from_bytes(bytes, &basis, Forgetting::NEVER);
+    assert_eq!(read, Ok((evidence, Some(Watch::NEW))));
 }
 
 #[test]
@@ -260,25 +261,56 @@ fn an_evidence_that_is_restored_on_another_track_is_kept_as_if_it_had_been_retir
     for _ in 0..20 {
         evidence.add(&passages(0.0, 0.02));
     }
+    let mut watch = Watch::NEW;
+    watch.judge(&track, 1, Some(0.7));
+    for passage in 2..5 {
+        watch.judge(&track, passage, None);
+    }
     let mut buffer = [0; EVIDENCE_BYTES];
-    let bytes = evidence.to_bytes(&of(1, &track.spread), &mut buffer).expect("room");
+    let bytes = evidence
+        .to_bytes(&of(1, &track.spread), watch, &mut buffer)
+        .expect("room");
     let restored = |basis: &Basis<'_>| Evidence::from_bytes(bytes, basis, Forgetting::NEVER).expect("sound");
-    assert_eq!(restored(&of(1, &track.spread)), evidence);
+    let (same, kept) = restored(&of(1, &track.spread));
+    assert_eq!(same, evidence);
+    let kept = kept.expect("it is the same track");
+    assert!(kept.has_changed() && kept.mean() == watch.mean());
     let mut retired = evidence.clone();
     retired.retire(&track);
     for (crc, spread) in [(2, &track.spread), (2, &UNLEARNT.spread), (0, &UNLEARNT.spread)] {
         assert_eq!(
             restored(&of(crc, spread)),
-            retired,
+            (retired.clone(), None),
             "the new track's own spread does not matter"
         );
     }
 
     // What was found before any track was learnt took the rails for smooth.
     let mut buffer = [0; EVIDENCE_BYTES];
-    let bytes = evidence.to_bytes(&of(0, &UNLEARNT.spread), &mut buffer).expect("room");
+    let bytes = evidence
+        .to_bytes(&of(0, &UNLEARNT.spread), Watch::NEW, &mut buffer)
+        .expect("room");
     let restored = Evidence::from_bytes(bytes, &of(1, &track.spread), Forgetting::NEVER);
-    assert_eq!(restored, Ok(Evidence::new(Forgetting::NEVER)));
+    assert_eq!(restored, Ok((Evidence::new(Forgetting::NEVER), None)));
+}
+
+#[test]
+fn what_was_believed_while_the_rails_crept_is_given_up_and_what_was_known_long_before_is_not() {
+    let track = learnt();
+    let mut evidence = Evidence::new(Forgetting::new(1000.0, 20.0).expect("memories"));
+    for _ in 0..200 {
+        evidence.add(&passages(0.0, 0.02));
+    }
+    let healthy = evidence.against(&track).centre().expect("a centre")[4];
+    for _ in 0..14 {
+        evidence.add(&passages(0.03, 0.02));
+    }
+    let astray = evidence.against(&track).centre().expect("a centre")[4] - healthy;
+    evidence.forget_recent();
+    let left = evidence.against(&track).centre().expect("a centre")[4] - healthy;
+    println!("astray by {:.2} points, {:.2} left", 100.0 * astray, 100.0 * left);
+    assert!(left < 0.4 * astray, "{left} of {astray}");
+    assert!(evidence.passages() > 150.0, "{}", evidence.passages());
 }
 
 /// Passages, the deviation of a damage found in each of them.
@@ -311,10 +343,10 @@ fn what_an_earlier_track_told_of_the_bridge_is_kept_until_the_new_one_contradict
         spread: &track.spread,
     };
     let mut buffer = [0; EVIDENCE_BYTES];
-    let bytes = evidence.to_bytes(&basis, &mut buffer).expect("room");
+    let bytes = evidence.to_bytes(&basis, Watch::NEW, &mut buffer).expect("room");
     assert_eq!(
         Evidence::from_bytes(bytes, &basis, Forgetting::NEVER),
-        Ok(evidence.clone())
+        Ok((evidence.clone(), Some(Watch::NEW)))
     );
 
     // The bridge is as it was: both count.
@@ -362,7 +394,10 @@ fn a_changed_track_is_told_once_and_a_strange_train_is_not_taken_for_one() {
         [
             Finding::Another,
             Finding::Another,
-            Finding::Changed { since: 104 },
+            Finding::Changed {
+                since: 104,
+                creeping: false
+            },
             Finding::Another,
             Finding::Another
         ]
@@ -376,11 +411,12 @@ fn a_changed_track_is_told_once_and_a_strange_train_is_not_taken_for_one() {
     }
     let told = (31..131).find_map(
         |passage| match watch.judge(&track, passage, same().map(|z| z + shift)) {
-            Finding::Changed { since } => Some((passage, since)),
+            Finding::Changed { since, creeping } => Some((passage, since, creeping)),
             _ => None,
         },
     );
-    let (passage, since) = told.expect("told");
+    let (passage, since, creeping) = told.expect("told");
+    assert!(creeping);
     println!("changed with passage 31, told at {passage}, since {since}");
     assert!(passage < 71 && (21..41).contains(&since), "{passage}, {since}");
 }

@@ -191,6 +191,12 @@ fn a_logger_goes_on_over_a_restart_with_its_setup_and_its_evidence() {
         panic!("{second:?}");
     };
     assert!(alert.passages > 1.5, "it rests on both passages: {}", alert.passages);
+    // It is of the bridge, and outlives another setup for the same one.
+    let evidence = station.evidence().expect("an answer");
+    give_setup(&mut station, &prepared);
+    assert_eq!(station.evidence().expect("an answer"), evidence);
+    station.restart().expect("says hello again");
+    assert_eq!(station.evidence().expect("an answer"), evidence);
     // What it keeps can be read back.
     let blob = model::to_blob(prepared.bridge.as_ref().expect("a bridge")).expect("a blob");
     assert_eq!(station.setup(Part::Model).expect("an answer"), blob);

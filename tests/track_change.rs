@@ -109,6 +109,10 @@ fn rails_that_change_are_told_and_not_taken_for_damage_and_the_bridge_is_not_for
     let said = say(&mut station, &path, &old_track, &mut evidence);
     assert_eq!(said.verdict, Some(Verdict::NotIdentified(Reason::AnotherTrack)));
     assert_eq!((said.changes, said.state), (0, TrackState::Changed));
+    // Nor by a logger that has started again and goes on from the evidence.
+    let mut restarted = Station::new(Box::new(InProcess::new()));
+    let again = say(&mut restarted, &path, &old_track, &mut evidence.clone());
+    assert_eq!((again.changes, again.state), (0, TrackState::Changed));
     let (kept, whole) = (said.kept.expect("kept"), Recording::read(&path).expect("a recording"));
     assert!(kept.rows() > 500 && kept.interval_s == whole.interval_s && kept.start_s > 0.0);
     let first = (kept.start_s / kept.interval_s).round() as usize;
@@ -151,10 +155,45 @@ fn what_a_logger_keeps_is_a_recording_like_any_other() {
     };
     let said = run("replay slow.csv --track rails.blob --keep kept");
     assert!(said.contains("learn it from such trains, too"), "{said}");
+    // The search alone says so, too.
+    let said = run("identify slow.csv --track rails.blob");
+    assert!(
+        said.starts_with("Nothing is identified: no train of this kind"),
+        "{said}"
+    );
+    let shown = run("track show rails.blob");
+    for words in [
+        "girder50",
+        "60 passages",
+        "inspection-2dof, between 96 and 102 km/h",
+        "0.50 0.50",
+    ] {
+        assert!(shown.contains(words), "no {words} in {shown}");
+    }
     // The same passage once more, found by the logger that is told nothing of rails.
     let again = run("replay kept/slow-passage1.csv --json");
     assert!(again.contains("\"event\":\"passage\""), "{again}");
 }
+
+#[test]
+fn a_track_of_one_bridge_is_refused_before_a_recording_of_another_is_replayed() {
+    let folder = TempDir::new().expect("a folder");
+    let folder = folder.path();
+    let rails = lay(folder, "rails", 1);
+    std::fs::write(folder.join("rails.blob"), learn(&rails, 60.0)).expect("room");
+    record(folder, "here", &rails, "--speed-kmh 60");
+    let there = "simulate --bridge twospan --train inspection-2dof --cars 1 --speed-kmh 60 --rate-hz 200 --nodes 3 -o there.csv";
+    let run = |arguments: &str| program::host_sim(folder, &arguments.split(' ').collect::<Vec<_>>());
+    assert!(run(there).status.success());
+    let refused = run("replay here.csv there.csv --track rails.blob");
+    let text = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(!refused.status.success() && refused.stdout.is_empty());
+    assert!(
+        text.contains("rails.blob: the track was learnt with another bridge"),
+        "{text}"
+    );
+}
+
 #[test]
 fn what_belongs_to_one_bridge_is_refused_by_another() {
     let model = |name: &str| {

@@ -7,8 +7,8 @@ use spanwatch::bridge::ReducedBridge;
 use spanwatch::guess;
 use spanwatch::interaction::Direction;
 use spanwatch::wire::message::{
-    Alert, BLOCK_COUNTS, Channel, Configuration, Event, Memory, PassagePiece, PassageReport, Quantity, Ranges, Reason,
-    Status, TrackReport, Traffic, Trigger, Verdict,
+    Alert, BLOCK_COUNTS, Channel, Configuration, Event, Memory, PassagePiece, PassageReport, Quantity, Ranges, Status,
+    TrackReport, Traffic, Trigger, Verdict,
 };
 
 use crate::recording::{Recording, Run};
@@ -18,6 +18,13 @@ use crate::{model, terminal};
 
 /// Seed of the logger's search where nobody gives one.
 pub const DEFAULT_SEED: u64 = 1;
+/// How far off is what a recording says of its run, where a track is learnt: a timetable's or a trackside unit's values.
+const ROUGHLY: Ranges = Ranges {
+    speed: 0.02,
+    entry_s: 0.1,
+    load: 0.05,
+    stiffness: 0.005,
+};
 
 /// A recording that is ready to be replayed.
 pub struct Prepared {
@@ -167,6 +174,43 @@ impl Prepared {
         Ok(())
     }
 
+    /// What a recording says of its run is only roughly right, or as far off as its `[range]` says: so it is where a track is learnt, and
+    /// where one that was learnt is monitored with. What it does not say keeps the range that it has for that.
+    pub fn loosen(&mut self) {
+        let recording = &self.recording;
+        let margins = recording.margins;
+        let Some(traffic) = &mut self.configuration.traffic else {
+            return;
+        };
+        let ranges = &mut traffic.ranges;
+        let told = [
+            (
+                &mut ranges.speed,
+                margins.speed,
+                recording.speed_kmh.is_some(),
+                ROUGHLY.speed,
+            ),
+            (
+                &mut ranges.entry_s,
+                margins.entry_s,
+                recording.entry_time_s.is_some(),
+                ROUGHLY.entry_s,
+            ),
+            (
+                &mut ranges.load,
+                margins.load,
+                recording.load_factor.is_some(),
+                ROUGHLY.load,
+            ),
+            (&mut ranges.stiffness, margins.stiffness, true, ROUGHLY.stiffness),
+        ];
+        for (range, margin, given, roughly) in told {
+            if margin.is_none() && given {
+                *range = roughly;
+            }
+        }
+    }
+
     /// The configuration for every train of this kind: without the speed and the entry time of this one.
     pub fn watching(&self) -> Configuration {
         let mut configuration = self.configuration.clone();
@@ -264,7 +308,8 @@ impl Prepared {
         while let Some(heard) = station.next_heard() {
             let event = heard.notice.event.clone();
             if let Event::Passage(report) = &event
-                && is_strange(&report.verdict)
+                && let Verdict::NotIdentified(reason) = report.verdict
+                && reason.may_be_the_track()
             {
                 strange = Some(report.passage);
             }
@@ -328,11 +373,3 @@ impl Prepared {
 
 /// Hears of a passage and its number.
 pub type Keep<'a> = dyn FnMut(&Recording, u32) -> Result<()> + 'a;
-
-/// Whether a logger may have samples of a passage for the base station to learn its track from.
-fn is_strange(verdict: &Verdict) -> bool {
-    matches!(
-        verdict,
-        Verdict::NotIdentified(Reason::AnotherTrack | Reason::Uncalibrated | Reason::Unexplained | Reason::Implausible)
-    )
-}

@@ -39,6 +39,7 @@
 //!
 //! **References.** With another learnt track the memories begin anew, since an error of the old one is in all that they say. What was
 //! known by it is kept beside them ([`Evidence::retire`]), as uncertain as that track was, until passages on the new one contradict it.
+//! Where the rails have changed so little that passages were believed meanwhile, the recent memory is given up: these passages are in it.
 //!
 //! **Precision.** The sums are `f32`: each addition rounds by `6e-8` of the sum at most, so a memory of `N` passages is off by `3e-8 N`
 //! at the very worst and `3e-8 N^1/2` as a rule. With some 1e7 passages nothing that never forgets still learns.
@@ -50,9 +51,9 @@
 //! ```
 //!
 //! all little endian. How uncertain the track was goes with them, so that a logger that goes on with another track keeps what was
-//! known by this one as if it had been retired.
+//! known by this one as if it had been retired. So does the memory of the track's [`Watch`], by the same track only.
 //!
-//! Cost: 1.9 kB; 1302 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
+//! Cost: 1.9 kB; 1312 bytes written; about 7 kB of stack and ten factors of the matrix a passage.
 
 use core::fmt;
 
@@ -63,15 +64,19 @@ use super::estimate::{Estimate, Information};
 use crate::capacity::ELEMENTS;
 use crate::math::{self, Real};
 use crate::track::learnt::{self, LearntTrack, Spread, TRIANGLE, UNLEARNT};
+use crate::track::watch::Watch;
 use crate::wire::CRC32C;
 
 /// Version of the layout; a reader accepts its own only.
-pub const FORMAT_VERSION: u8 = 2;
+pub const FORMAT_VERSION: u8 = 3;
 /// Bytes of an [`Evidence`] as written by [`Evidence::to_bytes`].
-pub const EVIDENCE_BYTES: usize = HEAD_BYTES + 4 * (1 + 4 * PACKED) + 5 * 4 + (1 + 4 * TRIANGLE) + CRC_BYTES;
+pub const EVIDENCE_BYTES: usize =
+    HEAD_BYTES + 4 * (1 + 4 * PACKED) + 5 * 4 + (1 + 4 * TRIANGLE) + WATCH_BYTES + CRC_BYTES;
 const MAGIC: [u8; 4] = *b"SWEV";
 const HEAD_BYTES: usize = MAGIC.len() + 1 + 4 + 4;
 const CRC_BYTES: usize = 4;
+/// Two numbers, a count and whether.
+const WATCH_BYTES: usize = 4 + 4 + 1 + 1;
 /// Numbers of an information: a triangle and a vector.
 const PACKED: usize = ELEMENTS * (ELEMENTS + 1) / 2 + ELEMENTS;
 /// `ln(200 * 365 * 1000)`: passages in a thousand years, of which one may be a false alarm.
@@ -377,6 +382,12 @@ impl Evidence {
         self.earlier = known.0;
     }
 
+    /// The rails have been changing for some passages that were believed: forgets what the recent memory holds.
+    pub fn forget_recent(&mut self) {
+        self.recent = Memory::EMPTY;
+        self.stranger = None;
+    }
+
     /// Gives up what was known by earlier tracks, if what is remembered by this one contradicts it; tells whether it did.
     pub fn outlive(&mut self, track: &LearntTrack) -> bool {
         let now = Memory {
@@ -400,8 +411,9 @@ impl Evidence {
         self.long.passages + self.recent.passages + self.earlier.passages
     }
 
-    /// Writes it into `buffer` and returns the part of it that is used, [`EVIDENCE_BYTES`]; none if there is no room.
-    pub fn to_bytes<'b>(&self, basis: &Basis<'_>, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+    /// Writes it and the `watch` of its track into `buffer` and returns the part of it that is used, [`EVIDENCE_BYTES`]; none if there is no
+    /// room.
+    pub fn to_bytes<'b>(&self, basis: &Basis<'_>, watch: Watch, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
         let layout = Layout {
             long: pack(&self.long.information),
             recent: pack(&self.recent.information),
@@ -415,6 +427,7 @@ impl Evidence {
             ],
             settling: self.settling,
             spread: learnt::pack(basis.spread),
+            watch,
         };
         let (head, rest) = buffer.split_first_chunk_mut::<HEAD_BYTES>()?;
         let [m0, m1, m2, m3] = MAGIC;
@@ -429,8 +442,13 @@ impl Evidence {
     }
 
     /// Reads and checks what [`Self::to_bytes`] wrote for the same bridge. What was gathered by another learnt track comes back
-    /// [retired](Self::retire); what was gathered without one is dropped where there is one now, as it took the rails for smooth.
-    pub fn from_bytes(bytes: &[u8], basis: &Basis<'_>, forgetting: Forgetting) -> Result<Self, EvidenceError> {
+    /// [retired](Self::retire) and without its watch; what was gathered without one is dropped where there is one now, as it took the rails
+    /// for smooth.
+    pub fn from_bytes(
+        bytes: &[u8],
+        basis: &Basis<'_>,
+        forgetting: Forgetting,
+    ) -> Result<(Self, Option<Watch>), EvidenceError> {
         let (head, _) = bytes.split_first_chunk::<HEAD_BYTES>().ok_or(EvidenceError::Length)?;
         let [m0, m1, m2, m3, version, b0, b1, b2, b3, t0, t1, t2, t3] = *head;
         if [m0, m1, m2, m3] != MAGIC {
@@ -463,7 +481,7 @@ impl Evidence {
         };
         let [long, recent, stranger, earlier] = layout.passages;
         let spread = learnt::unpack(&layout.spread).ok_or(EvidenceError::Contents)?;
-        if !rest.is_empty() || !(0.0..=f32::MAX).contains(&layout.settling) {
+        if !rest.is_empty() || !(0.0..=f32::MAX).contains(&layout.settling) || !layout.watch.is_sound() {
             return Err(EvidenceError::Contents);
         }
         let mut evidence = Self {
@@ -474,15 +492,16 @@ impl Evidence {
             stranger: Some(memory(&layout.stranger, stranger)?).filter(|stranger| stranger.passages > 0.0),
             earlier: memory(&layout.earlier, earlier)?,
         };
+        let mut watch = None;
         match u32::from_le_bytes([t0, t1, t2, t3]) {
-            track if track == basis.track => {}
+            track if track == basis.track => watch = Some(layout.watch),
             0 => evidence = Self::new(forgetting),
             _ => {
                 let known = evidence.retired_by(&spread);
                 evidence.begin_anew(known);
             }
         }
-        Ok(evidence)
+        Ok((evidence, watch))
     }
 }
 
@@ -519,6 +538,7 @@ struct Layout {
     settling: f32,
     /// Of the track.
     spread: Vec<f32, TRIANGLE>,
+    watch: Watch,
 }
 
 /// The lower triangle, row by row, and the vector.

@@ -458,7 +458,11 @@ impl Normal {
         for car in 0..CARS {
             own[(car, car)] += prior;
         }
-        let Some(factor) = own.cholesky() else { return };
+        let Some(factor) = own.cholesky() else {
+            // Numbers that are none: no load follows from them.
+            self.across.fill(0.0);
+            return;
+        };
         self.pull.axpy(-prior, &self.at.loads, 1.0);
         let mut rest = self.pull;
         factor.solve_mut(&mut rest);

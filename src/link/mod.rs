@@ -283,7 +283,11 @@ impl<F: NorFlash> Desk<F> {
         let mut learnt = false;
         while let Some(event) = self.logger.next_event() {
             log(&event);
-            learnt |= matches!(&event, Event::Passage(report) if report.verdict.fit().is_some());
+            learnt |= match &event {
+                Event::Passage(report) => report.verdict.fit().is_some(),
+                Event::Track(_) => true,
+                Event::Alert(_) => false,
+            };
             let Some(ends) = self.ends.as_mut() else { continue };
             let class = match event {
                 Event::Alert(_) => Class::Alert,

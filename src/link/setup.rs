@@ -104,6 +104,8 @@ impl<F: NorFlash> Desk<F> {
                         rolled_back: false,
                     };
                     ends.by_setup = true;
+                    // What was known of the same bridge, by another track too, is still known.
+                    self.restore_evidence();
                     self.keep_evidence();
                 }
                 outcome(kept.map(|_| ()))

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | bridge model, learnt track | the [`room`](super::room) of the identification | ends an identification in progress, which is reported as [`Reason::Interrupted`] |
 //! | a passage's samples, to the base station | the stream, until the next passage begins | disturbs nothing |
-//! | evidence, either way | a buffer of its own, 1,302 bytes | disturbs nothing |
+//! | evidence, either way | a buffer of its own, 1,312 bytes | disturbs nothing |
 //!
 //! Pieces come in order from offset 0 on; a new first piece begins anew. A passage that comes while a model is on its way is identified
 //! by the old model, if there is one, and takes the room: the next piece is refused with [`Outcome::Chunk`], and the sender begins again.
@@ -17,7 +17,7 @@ use heapless::Vec;
 
 use super::{Logger, adopt};
 use crate::capacity::MODEL_BLOB_BYTES;
-use crate::identify::evidence::{EVIDENCE_BYTES, Evidence};
+use crate::identify::evidence::EVIDENCE_BYTES;
 use crate::passage::samples::Samples;
 use crate::slot::Slot;
 use crate::wire::message::{BLOCK_COUNTS, CHUNK_BYTES, Chunk, Outcome, PassagePiece, Reason, Verdict};
@@ -180,7 +180,8 @@ impl Logger {
         let copy = &mut self.deliveries.evidence.bytes;
         // There is room for the whole of it.
         let _ = copy.resize_default(EVIDENCE_BYTES);
-        let evidence = self.evidence.to_bytes(&self.rails.basis(self.model_crc), copy);
+        let basis = self.rails.basis(self.model_crc);
+        let evidence = self.evidence.to_bytes(&basis, self.rails.watch, copy);
         let used = evidence.map_or(0, <[u8]>::len);
         copy.truncate(used);
         copy
@@ -253,14 +254,8 @@ impl Logger {
 
     #[inline(never)]
     fn restore_delivered(&mut self) -> Outcome {
-        let restored = Evidence::from_bytes(
-            &self.deliveries.evidence.bytes,
-            &self.rails.basis(self.model_crc),
-            self.evidence.forgetting(),
-        );
-        restored.map_or_else(Outcome::Evidence, |evidence| {
-            self.evidence = evidence;
-            Outcome::Done
-        })
+        let bytes = &self.deliveries.evidence.bytes;
+        (self.rails.restore(bytes, self.model_crc, &mut self.evidence))
+            .map_or_else(Outcome::Evidence, |()| Outcome::Done)
     }
 }

@@ -1,7 +1,7 @@
 //! What the logger knows of the rails: the track that was learnt, and whether it is still that.
 
 use crate::bridge::ReducedBridge;
-use crate::identify::evidence::{Basis, Evidence, Retired};
+use crate::identify::evidence::{Basis, Evidence, EvidenceError, Retired};
 use crate::slot::Slot;
 use crate::track::blob::{self, TrackError};
 use crate::track::learnt::{LearntTrack, UNLEARNT};
@@ -70,6 +70,14 @@ impl Rails {
             track: self.crc,
             spread: &self.learnt().spread,
         }
+    }
+
+    /// Goes on from what was known of bridge and track.
+    pub(super) fn restore(&mut self, bytes: &[u8], bridge: u32, evidence: &mut Evidence) -> Result<(), EvidenceError> {
+        let (restored, watch) = Evidence::from_bytes(bytes, &self.basis(bridge), evidence.forgetting())?;
+        *evidence = restored;
+        self.watch = watch.unwrap_or(self.watch);
+        Ok(())
     }
 
     /// Takes a learnt track, as [`blob::write()`] makes it. What is known of the bridge by an earlier one is kept with its own weight; what was

@@ -128,6 +128,13 @@ pub fn write<'b>(
     buffer.get(..end + CRC_BYTES).ok_or(TrackError::NoRoom)
 }
 
+/// The fingerprint of the bridge's blob that a track says it was learnt with; none if these bytes do not begin as a track does.
+pub fn bridge_of(bytes: &[u8]) -> Option<u32> {
+    let (head, _) = bytes.split_first_chunk::<HEAD_BYTES>()?;
+    let bridge = head.last_chunk().copied().map(u32::from_le_bytes);
+    bridge.filter(|_| head.starts_with(&MAGIC))
+}
+
 // Not inlined: what is read must leave the stack.
 /// Reads and checks what [`write()`] wrote for the same `bridge`, into its place. A track that is refused changes nothing there.
 #[inline(never)]

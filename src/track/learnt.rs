@@ -24,9 +24,9 @@ use crate::math;
 use crate::wire::message::TrainKind;
 
 /// Slowest speed of the first band, m/s.
-const FIRST_BAND_MPS: f32 = 5.0;
+pub const FIRST_BAND_MPS: f32 = 5.0;
 /// Bands in which the speed doubles: 6 % each. 64 of them reach 200 m/s.
-const BANDS_AN_OCTAVE: f32 = 12.0;
+pub const BANDS_AN_OCTAVE: f32 = 12.0;
 
 /// A lower triangle with a positive diagonal, or zero.
 pub type Spread = SMatrix<f32, ELEMENTS, ELEMENTS>;

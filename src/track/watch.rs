@@ -23,7 +23,12 @@
 //! not explained at all, or only by elements that gain stiffness, counts as beyond. None of these enters the mean, which one of them
 //! would carry away. What leaves less than is expected is welcome, but counts for no more than what is as much too large.
 //!
+//! A small change is seen after passages that it was in were believed: what the evidence has gathered of late is given up then
+//! ([`Evidence::forget_recent`](crate::identify::evidence::Evidence::forget_recent)). The test's memory is kept with the evidence.
+//!
 //! Cost: 24 bytes.
+
+use serde::{Deserialize, Serialize};
 
 use super::learnt::LearntTrack;
 use crate::math::{self, Real};
@@ -46,18 +51,22 @@ pub enum Finding {
     Changed {
         /// Number of the passage from which on it seems to have been another one.
         since: u32,
+        /// Whether passages were believed meanwhile.
+        creeping: bool,
     },
 }
 
-/// Memory of the test.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+/// Memory of the test. As bytes it is without the numbers of passages, which its logger counts anew after a restart.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Watch {
     mean: f32,
     variance: f32,
     strikes: u8,
     /// The first of these strikes.
+    #[serde(skip)]
     struck: u32,
     /// The passage with which the mean rose above zero for the last time.
+    #[serde(skip)]
     risen: u32,
     changed: bool,
 }
@@ -72,6 +81,11 @@ impl Watch {
         risen: 0,
         changed: false,
     };
+
+    /// Whether its numbers can have come of passages.
+    pub fn is_sound(&self) -> bool {
+        self.mean.is_finite() && (0.0..=1.0).contains(&self.variance)
+    }
 
     /// Whether the track has changed.
     pub fn has_changed(&self) -> bool {
@@ -118,6 +132,7 @@ impl Watch {
             self.changed = true;
             return Finding::Changed {
                 since: if struck { self.struck } else { self.risen },
+                creeping: !struck,
             };
         }
         if self.changed || within.is_none() {

@@ -540,6 +540,16 @@ pub enum Reason {
     Uncalibrated,
 }
 
+impl Reason {
+    /// Whether it may be that a learnt track is no longer that, or that it was not learnt from such a train.
+    pub fn may_be_the_track(self) -> bool {
+        matches!(
+            self,
+            Self::AnotherTrack | Self::Uncalibrated | Self::Unexplained | Self::Implausible
+        )
+    }
+}
+
 /// Damage: which elements, how much, how sure, on what evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Alert {

@@ -76,6 +76,7 @@ pub(super) struct Solved {
     pub(super) passages: Vec<Linear>,
     pub(super) unexplained: Vec<f64>,
     pub(super) steps: usize,
+    pub(super) settled: bool,
 }
 
 impl Joint {
@@ -136,6 +137,7 @@ impl Joint {
                     passages,
                     unexplained,
                     steps,
+                    settled,
                 });
             }
             self.shared.step(&step);

@@ -25,7 +25,7 @@ use crate::track::spectrum::Quantity;
 
 /// The wave of which half is left, m.
 pub const HALF_WAVE_M: f64 = 20.0;
-/// Distance of points, m: half a span of the finest knots.
+/// Distance of points, m: a sixteenth of the waves that matter least.
 pub const POINT_M: f64 = 0.25;
 /// Deviations of the wider Gaussian to either side that are summed.
 const REACH: f64 = 4.0;

@@ -24,12 +24,12 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail};
 use nalgebra::DMatrix;
 use spanwatch::bridge::ReducedBridge;
-use spanwatch::capacity::ELEMENTS;
+use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::identify::Identification;
 use spanwatch::identify::hybrid::UNEXPLAINED;
 use spanwatch::interaction::{Direction, Run};
 use spanwatch::track::blob;
-use spanwatch::track::learnt::{LearntTrack, UNLEARNT};
+use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained};
 use spanwatch::track::profile::{Knots, Stretch};
 use spanwatch::track::watch::unseen;
 use spanwatch::wire::fingerprint;
@@ -39,8 +39,8 @@ use crate::batch::each;
 use crate::identification::Observed;
 use crate::model::to_blob;
 use joint::{Candidate, Joint, MOST_STEPS};
-use linear::{COEFFICIENTS, Passing, SHARED_DAMPING, SHARED_STIFFNESS};
-use reference::{deviations, unseen_m};
+use linear::{COEFFICIENTS, Linear, Passing, SHARED_DAMPING, SHARED_STIFFNESS};
+use reference::{deviations, noise, unseen_m};
 
 /// A passage is left out if what it leaves unexplained is so many robust deviations above the others' median.
 const OUTLYING: f64 = 6.0;
@@ -60,7 +60,7 @@ const APPROACH_M: f64 = 10.0;
 /// under the wheels so wrong that elements seem off by 5 to 15 points; a third has, beside the wave, one of half its length, which an inspection
 /// car at 67 to 86 km/h brings to girder50's third frequency: 0.4 to 1.1 % of the power stay unexplained, with a quarter 0.26 to 0.28 % (the
 /// noise is 0.25 %).
-const FINE_M: f64 = 0.385;
+pub const FINE_M: f64 = 0.385;
 /// The fine spans reach so far beyond either end of the bridge, m.
 const BEYOND_M: f64 = 1.0;
 /// Fine spans: all that the logger has memory for beside the others.
@@ -83,6 +83,17 @@ pub fn knots(length_m: f64) -> Option<Knots<f64>> {
         stretch(-BEYOND_M, fine_m, spans),
         stretch(length_m + BEYOND_M, BEHIND_M, BEHIND),
     ])
+}
+
+/// The stretch of fine knots.
+pub fn fine_knots(knots: &Knots<f64>) -> Option<&Stretch<f64>> {
+    knots.stretches().get(1)
+}
+
+/// Span on the bridge where it is longer than it should be, m: the bridge is too long for the logger's memory.
+pub fn coarse_m(knots: &Knots<f64>) -> Option<f64> {
+    let span_m = fine_knots(knots)?.spacing_m;
+    (span_m > FINE_M).then_some(span_m)
 }
 
 /// A passage to learn from.
@@ -134,10 +145,14 @@ pub struct Calibration {
     pub floors_twice: [[f64; ELEMENTS]; 2],
     /// The smallest change of the rails, of waves below 20 m, that the logger's test of the track sees in the long run, RMS, m.
     pub unseen_m: f64,
+    /// What the floor would be if the rails changed by that.
+    pub floor_unseen: [f64; ELEMENTS],
     /// Of each passage, in the order in which they were given.
     pub passages: Vec<Outcome>,
-    /// Gauss-Newton steps that it took.
+    /// Gauss-Newton steps that it took, those to learn that passages must be left out among them.
     pub steps: usize,
+    /// Whether the last of them changed hardly anything.
+    pub settled: bool,
 }
 
 /// What became of a passage.
@@ -189,20 +204,22 @@ pub fn calibrate(
     });
     let mut candidates: Vec<(usize, Candidate<'_>)> = Vec::new();
     for (i, (passage, found)) in passages.iter().zip(found).enumerate() {
-        match begin(passage, found) {
+        match alone(passage, &passages[..i]).and_then(|()| begin(passage, found)) {
             Ok(candidate) => candidates.push((i, candidate)),
             Err(reason) => outcomes[i] = Outcome::LeftOut(reason),
         }
     }
     progress(1, turns);
     let mut joint = Joint::new(&knots, options)?;
+    let mut steps = 0;
     let solved = loop {
         if candidates.len() < FEWEST {
             return Err(too_few(candidates.len(), passages, &outcomes));
         }
         let solved = joint.solve(&mut candidates, &|done| progress(1 + done, turns))?;
+        steps += solved.steps;
         // One that is far off hides others behind it: asked again until there is none.
-        let outlying = outlying(&solved.unexplained);
+        let outlying = outlying(&solved.passages);
         if outlying.is_empty() {
             let left = median(&solved.unexplained);
             if left > UNEXPLAINED.into() {
@@ -217,7 +234,7 @@ pub fn calibrate(
         for &c in outlying.iter().rev() {
             let (i, _) = candidates.remove(c);
             outcomes[i] = Outcome::LeftOut(format!(
-                "{:.1} % of its power is unexplained, of the others' {:.1} %: another train, a wrong speed, a sensor at fault, or other rails or another bridge by then",
+                "{:.1} % of its power is unexplained, of the others' {:.1} % (median), and more than theirs lets expect of it: another train, a wrong speed, a sensor at fault, or other rails or another bridge by then",
                 100.0 * solved.unexplained[c],
                 100.0 * median(&solved.unexplained)
             ));
@@ -245,6 +262,7 @@ pub fn calibrate(
         Ok::<_, anyhow::Error>(deviations(&floor))
     };
     let floor_learnt = floor_of(&solved.covariance, 0.0)?;
+    let floor_unseen = floor_of(&solved.covariance, unseen_m)?;
     let (_, twice) = joint.step(&solved.passages, 2.0)?;
     let floors_twice = [floor_of(&twice, options.drift_m)?, floor_of(&twice, 0.0)?];
     let deviation = |place: usize| solved.covariance[(place, place)].max(0.0).sqrt();
@@ -265,11 +283,25 @@ pub fn calibrate(
         floor,
         floor_learnt,
         unseen_m,
+        floor_unseen,
         floors_twice,
         passages: outcomes,
-        steps: solved.steps,
+        steps,
+        settled: solved.settled,
         knots,
     })
+}
+
+/// Refuses a passage that was there before: it would count twice.
+fn alone(passage: &Passage, before: &[Passage]) -> Result<(), String> {
+    let samples = &passage.observed.samples;
+    match before.iter().find(|other| other.observed.samples == *samples) {
+        Some(other) => Err(format!(
+            "it is the same passage as {}, and would count twice",
+            other.name
+        )),
+        None => Ok(()),
+    }
 }
 
 /// A passage whose run is roughly known; why it is of no use, if it is of none.
@@ -320,8 +352,17 @@ impl Calibration {
         let crc = bridge_crc(bridge)?;
         let bytes = blob::write(&self.learnt, &coefficients, crc, &mut buffer)?.to_vec();
         // What the logger would refuse is not written.
-        blob::read_into(&bytes, crc, &mut UNLEARNT.clone())
-            .context("these passages teach nothing that a logger would take")?;
+        blob::read_into(&bytes, crc, &mut UNLEARNT.clone()).with_context(|| {
+            let highest_m = coefficients.iter().fold(0.0_f32, |most, height| most.max(height.abs()));
+            format!(
+                "these passages teach nothing that a logger would take: stiffness {:.3} and damping {:.3} of the model's, rails of {:.1} mm at \
+                 most, {:.3} of scatter from passage to passage",
+                self.learnt.stiffness,
+                self.learnt.damping,
+                1e3 * highest_m,
+                self.learnt.scatter
+            )
+        })?;
         Ok(bytes)
     }
 }
@@ -338,14 +379,46 @@ pub fn read(path: &Path, bridge: &ReducedBridge<f64>) -> Result<LearntTrack> {
     Ok(learnt)
 }
 
+/// Reads a track whatever its bridge is, and by what it knows that; none if the file is no learnt track.
+///
+/// # Errors
+/// If it cannot be read, or is refused.
+pub fn read_of_any_bridge(path: &Path) -> Result<Option<(LearntTrack, u32)>> {
+    let name = path.display();
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
+    let Some(crc) = blob::bridge_of(&bytes) else {
+        return Ok(None);
+    };
+    let mut learnt = UNLEARNT.clone();
+    blob::read_into(&bytes, crc, &mut learnt).with_context(|| name.to_string())?;
+    Ok(Some((learnt, crc)))
+}
+
 /// By what a track knows its bridge.
-fn bridge_crc(bridge: &ReducedBridge<f64>) -> Result<u32> {
+pub fn bridge_crc(bridge: &ReducedBridge<f64>) -> Result<u32> {
     Ok(fingerprint(&to_blob(bridge)?))
 }
 
-/// The places of what is explained far worse than the rest.
-fn outlying(unexplained: &[f64]) -> Vec<usize> {
-    let logs: Vec<f64> = unexplained.iter().map(|part| part.ln()).collect();
+/// The places of what is explained far worse than the rest lets expect of passages as strong as these: a sensor's own noise is the same in
+/// all of them.
+fn outlying(passages: &[Linear]) -> Vec<usize> {
+    // By channel and passage: the mean squares of what was recorded and of what is left of it.
+    let squares = (0..CHANNELS).map(|c| -> Vec<[f64; 2]> {
+        (passages.iter())
+            .map(|passage| [&passage.power, &passage.residuals].map(|squares| squares.mean_of(c).into()))
+            .collect()
+    });
+    let channels: Vec<Vec<[f64; 2]>> = squares.filter(|of| of.iter().any(|[power, _]| *power > 0.0)).collect();
+    let expected: Vec<Unexplained> = channels.iter().map(|of| noise(of)).collect();
+    let logs: Vec<f64> = (0..passages.len())
+        .map(|i| {
+            let ratio = |(of, expected): (&Vec<[f64; 2]>, &Unexplained)| {
+                let [power, left] = of[i];
+                (left / (f64::from(expected.floor) + f64::from(expected.part) * power)).ln()
+            };
+            channels.iter().zip(&expected).map(ratio).sum::<f64>() / channels.len() as f64
+        })
+        .collect();
     let middle = median(&logs);
     let distances: Vec<f64> = logs.iter().map(|log| (log - middle).abs()).collect();
     // Of a Gaussian the median distance is 0.6745 deviations.

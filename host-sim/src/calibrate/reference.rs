@@ -20,24 +20,34 @@ use spanwatch::track::learnt::{LearntTrack, Unexplained, speed_band};
 use spanwatch::track::profile::Knots;
 use spanwatch::wire::message::TrainKind;
 
-use super::Options;
 use super::joint::{Candidate, DAMAGE_PRIOR, Joint, Solved};
 use super::linear::{COEFFICIENTS, Linear};
+use super::{Options, fine_knots};
 use crate::batch::each;
 use crate::track::Spectrum;
 use crate::track::prior::covariance_of_waves;
 
 /// Standard deviation that each loss has at least: less than any that matters, and the covariance keeps its factor.
 const LEAST_FLOOR: f64 = 1e-4;
-/// Waves in which they do, m: longer ones move wheels too slowly to matter.
+/// Waves in which the rails drift unseen, m: longer ones move wheels too slowly to matter.
 const SHORT_M: f64 = 20.0;
+
+/// Whether the B-spline lies where the fine knots are.
+fn is_on_bridge(knots: &Knots<f64>, k: usize) -> bool {
+    let (Some(fine), Some([from, to])) = (fine_knots(knots), knots.support(k)) else {
+        return false;
+    };
+    // Half a span for rounding.
+    let [first, last] = [-0.5, f64::from(fine.spans) + 0.5].map(|spans| fine.from_m + spans * fine.spacing_m);
+    first < from && to < last
+}
 
 /// Covariance of the coefficients on rails of the spectrum's waves below [`SHORT_M`], 1 m RMS on the bridge.
 pub(super) fn short_waves(knots: &Knots<f64>) -> DMatrix<f64> {
     let mut short = covariance_of_waves(Spectrum::Fra6, [Spectrum::Fra6.waves_m()[0], SHORT_M], knots);
-    // From the beginning of the bridge to its end, where the fine knots are; coefficients are heights for waves of many spans.
+    // From the beginning of the bridge to its end; coefficients are heights for waves of many spans.
     let fine: Vec<f64> = (0..knots.coefficients())
-        .filter(|&k| knots.support(k).is_some_and(|[from, to]| to - from < SHORT_M / 4.0))
+        .filter(|&k| is_on_bridge(knots, k))
         .map(|k| short[(k, k)])
         .collect();
     short /= fine.iter().sum::<f64>() / fine.len().max(1) as f64;
@@ -92,7 +102,10 @@ impl Joint {
             unexplained.part *= mean.exp() as f32;
         }
         let floor = self.floor(candidates, solved, &solved.covariance, options.drift_m)?;
-        let Some(factor) = floor.cholesky() else {
+        // In the logger's unknowns, the flexibilities x = 1 / (1 - d) - 1: dx = dd / (1 - d)^2.
+        let scale = self.shared.damage.map(|loss| (1.0 - loss).powi(-2));
+        let flexibility = SMatrix::<f64, ELEMENTS, ELEMENTS>::from_fn(|i, j| scale[i] * floor[(i, j)] * scale[j]);
+        let Some(factor) = flexibility.cholesky() else {
             bail!("the reference is no covariance: the passages contradict themselves");
         };
         let lower = factor.l();
@@ -176,7 +189,7 @@ pub(super) fn deviations(covariance: &SMatrix<f64, ELEMENTS, ELEMENTS>) -> [f64;
 
 /// The floor and the part of a channel's noise, by passages' mean squares and what was left of them: the line through them, by least squares
 /// of relative errors, neither below zero.
-fn noise(pairs: &[[f64; 2]]) -> Unexplained {
+pub(super) fn noise(pairs: &[[f64; 2]]) -> Unexplained {
     // left / left = 1 = floor / left + part power / left
     let [mut ff, mut fp, mut pp, mut f1, mut p1] = [0.0; 5];
     for [power, left] in pairs.iter().filter(|pair| pair[1] > 0.0) {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use host_sim::calibrate::known::{HALF_WAVE_M, ShortWaves};
-use host_sim::calibrate::{self, Calibration, DRIFT_M, Options, Outcome, Passage, calibrate};
+use host_sim::calibrate::{self, Calibration, DRIFT_M, FINE_M, Options, Outcome, Passage, calibrate, coarse_m};
 use host_sim::replay::{self, Prepared};
 use host_sim::station::words::calibration::{self as words, Gain};
 use host_sim::track::{Spectrum, table};
@@ -173,11 +173,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 /// Nothing is read twice, and nothing that is written may take the place of something that is read, or of something else that is written.
 fn check_names(arguments: &Arguments) -> Result<()> {
     for (i, recording) in arguments.recordings.iter().enumerate() {
-        let place = recording.canonicalize().ok();
+        let place = place(recording);
         if place.is_some()
             && arguments.recordings[..i]
                 .iter()
-                .any(|before| before.canonicalize().ok() == place)
+                .any(|before| self::place(before) == place)
         {
             bail!("{} is given twice, and would count twice", recording.display());
         }
@@ -194,19 +194,29 @@ fn check_names(arguments: &Arguments) -> Result<()> {
         .chain(arguments.truth.as_deref())
         .chain(arguments.since.as_deref())
         .chain(arguments.bridge.as_deref().map(Path::new));
-    let read: Vec<PathBuf> = read.filter_map(|path| path.canonicalize().ok()).collect();
+    let read: Vec<PathBuf> = read.filter_map(place).collect();
     for (i, (flag, path)) in written.iter().enumerate() {
-        if path.canonicalize().is_ok_and(|place| read.contains(&place)) {
+        if place(path).is_some_and(|place| read.contains(&place)) {
             bail!(
                 "{flag} {} would overwrite what is read; choose another name",
                 path.display()
             );
         }
-        if let Some((other, _)) = written[..i].iter().find(|(_, before)| before == path) {
+        let same = |before: &Path| before == *path || place(before).is_some_and(|before| place(path) == Some(before));
+        if let Some((other, _)) = written[..i].iter().find(|(_, before)| same(before)) {
             bail!("{other} and {flag} name the same file {}", path.display());
         }
     }
     Ok(())
+}
+
+/// A file by its place, whether it is there or not, and however its folder is named.
+fn place(path: &Path) -> Option<PathBuf> {
+    path.canonicalize().ok().or_else(|| {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new(".")).canonicalize().ok()?;
+        Some(folder.join(path.file_name()?))
+    })
 }
 
 /// The bridge that all recordings are of.
@@ -257,6 +267,33 @@ fn draw_passage(path: &Path, passages: &[Passage], calibration: &Calibration, se
 
 /// A bridge whose stiffness is farther off its model's is worth a word: heat and cold make some per cent.
 const FAR_OFF: f32 = 0.05;
+
+/// Rougher than the worst standard class, which has 36, by more than chance.
+const ROUGHEST: f64 = 45.0;
+
+/// What makes a result doubtful that looks like one.
+fn warnings(found: &Calibration) -> Vec<String> {
+    let mut warnings = vec![];
+    if !found.settled {
+        warnings.push(
+            "The last step still changed something: do not rely on this; look for a passage whose train, speed or sensors are not as told."
+                .to_owned(),
+        );
+    }
+    if found.level > ROUGHEST {
+        warnings.push(
+            "That is rougher than any standard track: are the units of the channels right, and what is told of the trains?".to_owned(),
+        );
+    }
+    if let Some(span_m) = coarse_m(&found.knots) {
+        warnings.push(format!(
+            "For so long a bridge the logger has memory for knots {span_m:.2} m apart, where {FINE_M} m are needed: waves below {:.1} m are learnt in \
+             part, and elements may seem off by some points for it.",
+            4.0 * span_m
+        ));
+    }
+    warnings
+}
 
 /// How well the profile is known over a stretch, by its waves shorter than [`HALF_WAVE_M`].
 struct Known {
@@ -352,6 +389,9 @@ fn in_words(
         found.learnt.damping,
         2.0 * found.bridge_std[1]
     );
+    for warning in warnings(found) {
+        let _ = writeln!(text, "{warning}");
+    }
     let off = found.learnt.stiffness - 1.0;
     if off.abs() > FAR_OFF {
         let _ = writeln!(
@@ -380,22 +420,26 @@ fn in_words(
         for (e, [loss, deviation]) in found.damage.iter().take(elements).enumerate() {
             let _ = writeln!(text, "{:>7}  {:5.1} % ± {:.1}", e + 1, 100.0 * loss, 200.0 * deviation);
         }
+        let _ = writeln!(text, "{}", words::damage(&found.damage[..elements]));
     }
+    let unseen_mm = 1e3 * found.unseen_m;
     let _ = writeln!(
         text,
         "\nelement  no number of later passages knows its loss better than, in points (standard deviation)\n\
-         {:>7}  in all   by what is left unknown of the profile",
-        ""
+         {:>7}  by what is left unknown of the profile   if the rails change by {:.3} mm   by {unseen_mm:.3} mm",
+        "", arguments.drift_mm
     );
-    for (e, (all, of_profile)) in found.floor.iter().zip(&found.floor_learnt).take(elements).enumerate() {
-        let _ = writeln!(text, "{:>7}  {:6.2}   {:6.2}", e + 1, 100.0 * all, 100.0 * of_profile);
+    let floors = (found.floor.iter().zip(&found.floor_learnt)).zip(&found.floor_unseen);
+    for (e, ((all, of_profile), unseen)) in floors.take(elements).enumerate() {
+        let [of_profile, all, unseen] = [of_profile, all, unseen].map(|floor| 100.0 * floor);
+        let _ = writeln!(text, "{:>7}  {of_profile:19.2} {all:42.2} {unseen:13.2}", e + 1);
     }
     let _ = writeln!(
         text,
-        "\nThat holds if the rails change by no more than {:.3} mm rms in waves below 20 m until the next calibration. The logger itself sees a \
-         lasting change from {:.3} mm on.",
-        arguments.drift_mm,
-        1e3 * found.unseen_m
+        "\nThe logger believes the middle one: {:.3} mm rms in waves below 20 m is what the rails may change until the next calibration \
+         (--drift-mm). It sees a lasting change itself from {unseen_mm:.3} mm on; what lies between can pass for a loss as large as five times the \
+         last.",
+        arguments.drift_mm
     );
     let _ = writeln!(text, "\n{}", words::gain(&gain(found, outcomes, elements)));
     text
@@ -442,6 +486,7 @@ fn as_json(
     json!({
         "used": found.learnt.passages,
         "steps": found.steps,
+        "warnings": warnings(found),
         "level": found.level,
         "nearest_fra_class": class,
         "stiffness_factor": found.learnt.stiffness,
@@ -454,6 +499,7 @@ fn as_json(
         "damage_std": of_damage(1),
         "floor": &found.floor[..elements],
         "floor_of_profile": &found.floor_learnt[..elements],
+        "floor_unseen_change": &found.floor_unseen[..elements],
         "drift_mm": drift_mm,
         "unseen_change_mm": 1e3 * found.unseen_m,
         "profile": profile,

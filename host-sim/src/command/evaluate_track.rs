@@ -11,7 +11,7 @@ use host_sim::study::track::campaign::{self, Plan};
 use host_sim::study::track::design;
 use host_sim::study::track::method::Logged;
 use host_sim::study::track::table;
-use host_sim::study::track::truth::{SENSORS, Speeds, State, Traffic};
+use host_sim::study::track::truth::{CHANGE_M, SENSORS, Speeds, State, Traffic};
 use host_sim::track::Spectrum;
 use host_sim::{calibrate, terminal};
 use serde_json::Value;
@@ -28,6 +28,9 @@ const FEWEST: usize = 5;
 const MOST_LOSS: f64 = 0.7;
 /// Most of the stiffness that may vary from passage to passage: as much as a logger may be told of.
 const MOST_TEMPERATURE: f32 = 0.3;
+
+/// Largest change of a track, mm: more is another track.
+const MOST_CHANGE_MM: f64 = 10.0;
 
 #[derive(Debug, Args)]
 pub(super) struct Track {
@@ -49,6 +52,9 @@ pub(super) struct Track {
     /// Viaducts of each row, each with a track of its own seed; without it 4 for bound, 10 for rmse, else 20
     #[arg(long, visible_alias = "seeds")]
     tracks: Option<u32>,
+    /// Seed of the first of them (all campaigns but bound): a long campaign can be run in parts
+    #[arg(long, default_value_t = 1)]
+    first_seed: u32,
     /// Passages that are monitored at most; without it 6 for rmse, 100 for healthy, else 20
     #[arg(long)]
     passages: Option<usize>,
@@ -70,6 +76,9 @@ pub(super) struct Track {
     /// detect: how much they lose
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.1,0.2", value_name = "PARTS")]
     losses: Vec<f64>,
+    /// change: RMS of it, mm
+    #[arg(long, default_value_t = 1e3 * CHANGE_M, value_name = "MM")]
+    change_mm: f64,
     /// bound: the coarser knots of the design's bounds, in place of those that are learnt
     #[arg(long)]
     design_knots: bool,
@@ -91,7 +100,7 @@ enum Campaign {
     Healthy,
     /// Passages until a loss is found
     Detect,
-    /// A change of the track by 0.5 mm rms: whether it is reported, or taken for damage
+    /// A change of the track: whether it is reported, or taken for damage
     Change,
 }
 
@@ -177,9 +186,11 @@ impl Track {
             },
             uneven: !self.alike,
             temperature: self.temperature,
+            change_m: 1e-3 * self.change_mm,
             healthy: self.healthy,
             passages: self.passages.unwrap_or(passages),
             viaducts: self.tracks.unwrap_or(tracks),
+            first_seed: self.first_seed.into(),
         };
         if plan.viaducts == 0 || plan.passages == 0 {
             bail!("--tracks and --passages must be at least 1");
@@ -209,6 +220,12 @@ pub(super) fn run(arguments: &Track) -> Result<()> {
         bail!(
             "--temperature must be 0 to {MOST_TEMPERATURE}, not {}",
             arguments.temperature
+        );
+    }
+    if !(arguments.change_mm > 0.0 && arguments.change_mm <= MOST_CHANGE_MM) {
+        bail!(
+            "--change-mm must be above 0 and at most {MOST_CHANGE_MM}, not {}",
+            arguments.change_mm
         );
     }
     let plan = arguments.plan()?;

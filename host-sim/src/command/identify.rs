@@ -7,11 +7,15 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use host_sim::identification::{self, Found, Known, Method, Observed, search};
 use host_sim::replay::{self, Prepared};
-use host_sim::station::words::UNCALIBRATED;
 use host_sim::station::words::identification::{self as words, How, Number, Ran};
+use host_sim::station::words::why;
 use host_sim::{calibrate, output, picture, terminal};
 use serde_json::{Value, json};
+use spanwatch::identify::estimate::CONTRADICTION;
 use spanwatch::identify::{Identification, paper_ga};
+use spanwatch::track::learnt::LearntTrack;
+use spanwatch::track::watch::{Finding, Watch};
+use spanwatch::wire::message::{Reason, TrainKind};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Search {
@@ -60,9 +64,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let prepared = replay::prepare(&arguments.recording, arguments.bridge.as_deref(), arguments.seed)?;
-    if arguments.track.is_none() {
-        prepared.refuse_irregular()?;
+    let mut prepared = replay::prepare(&arguments.recording, arguments.bridge.as_deref(), arguments.seed)?;
+    match arguments.track {
+        Some(_) => prepared.loosen(),
+        None => prepared.refuse_irregular()?,
     }
     if arguments.free_vibration != Tail::None && arguments.method != Search::Hybrid {
         bail!("--free-vibration goes with --method hybrid: the paper's search compares samples only");
@@ -96,12 +101,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         &mut |generation| bar.set_position(generation.into()),
     )?;
     bar.finish_and_clear();
-    if let (Some(found), Some(traffic)) = (&found.identification, &prepared.configuration.traffic)
-        && observed.track.is_learnt()
-        && !observed.track.knows(traffic.train, &found.run)
-    {
-        eprintln!("warning: a logger would not believe what follows: {UNCALIBRATED}");
-    }
     if let Some(path) = &arguments.svg {
         let stem = arguments.recording.file_stem().unwrap_or_default().to_string_lossy();
         let subtitle = format!(
@@ -114,13 +113,32 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let ran = ran(&found, &prepared, &observed);
     let elements = observed.bridge.elements;
+    let strange = (found
+        .identification
+        .as_ref()
+        .zip(prepared.configuration.traffic.as_ref()))
+    .and_then(|(found, traffic)| strange(found, &observed.track, traffic.train));
     if arguments.json {
-        return super::print_json(&as_json(&found, observed.tail.as_ref(), elements, &ran));
+        return super::print_json(&as_json(&found, observed.tail.as_ref(), elements, &ran, strange));
     }
     super::print(&match &found.identification {
-        Some(identification) => in_words(identification, observed.tail.as_ref(), elements, &ran),
+        Some(identification) => in_words(identification, observed.tail.as_ref(), elements, &ran, strange),
         None => code_in_words(&found, elements, &ran),
     })
+}
+
+/// Why a logger would not believe a passage that is explained: it is not like those that the track was learnt from.
+fn strange(found: &Identification, track: &LearntTrack, train: TrainKind) -> Option<Reason> {
+    if !found.explained() || found.estimate.contradiction > CONTRADICTION {
+        return None;
+    }
+    if track.is_learnt() && !track.knows(train, &found.run) {
+        return Some(Reason::Uncalibrated);
+    }
+    // By itself: what passages say together only their logger knows.
+    let mut watch = Watch::NEW;
+    let finding = watch.judge(track, 0, Some(track.misfit(&found.mean_squares)));
+    (finding != Finding::Same).then_some(Reason::AnotherTrack)
 }
 
 fn cars(prepared: &Prepared) -> String {
@@ -196,7 +214,13 @@ fn std(number: &Number) -> f64 {
     }
 }
 
-fn as_json(found: &Found, tail: Option<&identification::Tail>, elements: usize, ran: &Ran) -> Value {
+fn as_json(
+    found: &Found,
+    tail: Option<&identification::Tail>,
+    elements: usize,
+    ran: &Ran,
+    strange: Option<Reason>,
+) -> Value {
     let numbers = [
         ("speed_kmh", &ran.speed_kmh),
         ("entry_time_s", &ran.entry_s),
@@ -243,8 +267,8 @@ fn as_json(found: &Found, tail: Option<&identification::Tail>, elements: usize, 
         "free_vibration": tail.map(free_vibration_json),
         "stop": sure.map(|found| words::stop(found.stop)),
         "contradiction": sure.map(|found| found.estimate.contradiction),
-        "kind": sure.map(|found| words::kind(found, elements)),
-        "verdict": sure.map(|found| words::verdict(found, elements)),
+        "kind": sure.map(|found| strange.map_or_else(|| words::kind(found, elements), |_| "strange")),
+        "verdict": sure.map(|found| strange.map_or_else(|| words::verdict(found, elements), unbelieved)),
     })
 }
 
@@ -257,8 +281,22 @@ fn inseparable(found: &Identification, elements: usize) -> Value {
         .collect()
 }
 
-fn in_words(found: &Identification, tail: Option<&identification::Tail>, elements: usize, ran: &Ran) -> String {
-    let mut text = words::verdict(found, elements) + "\n\n" + &words::ran(ran);
+fn unbelieved(reason: Reason) -> String {
+    format!("Nothing is identified: {}.", why(&reason))
+}
+
+fn in_words(
+    found: &Identification,
+    tail: Option<&identification::Tail>,
+    elements: usize,
+    ran: &Ran,
+    strange: Option<Reason>,
+) -> String {
+    let verdict = match strange {
+        Some(reason) => unbelieved(reason) + " What the search found all the same:",
+        None => words::verdict(found, elements),
+    };
+    let mut text = verdict + "\n\n" + &words::ran(ran);
     if let Some(tail) = tail {
         text += &free_vibration_in_words(tail);
     }

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use host_sim::output;
 use host_sim::recording::Recording;
 use host_sim::replay::{self, Keep, Told};
 use host_sim::station::{store::Store, words};
+use host_sim::{calibrate, output};
 
 use serde_json::json;
 use spanwatch::wire::message::{Alert, PassageReport, Quantity, Status, Verdict};
@@ -46,13 +46,20 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let prepared = arguments
+    let mut prepared = arguments
         .recordings
         .iter()
         .map(|path| replay::prepare(path, arguments.bridge.as_deref(), arguments.seed))
         .collect::<Result<Vec<_>>>()?;
     let track = match &arguments.track {
-        Some(path) => Some(std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?),
+        Some(path) => {
+            prepared.iter_mut().for_each(replay::Prepared::loosen);
+            // Before anything is replayed: it must be of all their bridges.
+            for bridge in prepared.iter().filter_map(|prepared| prepared.bridge.as_ref()) {
+                calibrate::read(path, bridge)?;
+            }
+            Some(std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
+        }
         None => {
             prepared.iter().try_for_each(replay::Prepared::refuse_irregular)?;
             None

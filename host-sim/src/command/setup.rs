@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand};
-use host_sim::{model, output, replay};
+use host_sim::{calibrate, model, output, replay};
 use spanwatch::link::CONFIGURATION_BYTES;
 use spanwatch::settings::Part;
 use spanwatch::wire::message::Configuration;
@@ -71,16 +71,22 @@ pub(super) fn run(command: &Command) -> Result<()> {
 }
 
 fn write(arguments: &Write) -> Result<()> {
-    let prepared = replay::prepare(&arguments.like, arguments.bridge.as_deref(), arguments.seed)?;
-    let Some(bridge) = &prepared.bridge else {
-        bail!("{} names no bridge; give one (--bridge)", arguments.like.display());
-    };
+    let mut prepared = replay::prepare(&arguments.like, arguments.bridge.as_deref(), arguments.seed)?;
     let track = match &arguments.track {
-        Some(path) => Some(std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?),
+        Some(path) => {
+            prepared.loosen();
+            if let Some(bridge) = &prepared.bridge {
+                calibrate::read(path, bridge)?;
+            }
+            Some(std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
+        }
         None => {
             prepared.refuse_irregular()?;
             None
         }
+    };
+    let Some(bridge) = &prepared.bridge else {
+        bail!("{} names no bridge; give one (--bridge)", arguments.like.display());
     };
     let configuration = prepared.watching();
     let mut station = arguments.reach.station()?;

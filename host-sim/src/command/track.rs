@@ -5,13 +5,20 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
+use host_sim::model::reduce::reduce;
 use host_sim::track::generate::LONGEST_M;
 use host_sim::track::spline::POINTS_A_WAVE;
 use host_sim::track::summary::{Extreme, spacing_m, summary};
-use host_sim::track::{Profile, Spectrum, Stretch, generate, table};
-use host_sim::{output, picture};
-use spanwatch::track::Motion;
+use host_sim::track::{Profile, Rails, Spectrum, Stretch, generate, table};
+use host_sim::train::TrainName;
+use host_sim::{calibrate, model, output, picture};
+use spanwatch::capacity::ELEMENTS;
+use spanwatch::track::learnt::{BANDS_AN_OCTAVE, FIRST_BAND_MPS, LearntTrack};
+use spanwatch::track::{Motion, Track};
+use spanwatch::wire::message::TrainKind;
 
+/// A learnt profile is drawn by points so far apart, m: a fifth of its spans.
+const POINT_M: f64 = 0.08;
 /// The motions of a track and what they are called.
 const MOTIONS: [(&str, Motion); 3] = [
     ("vertical", Motion::Vertical),
@@ -25,8 +32,8 @@ pub(super) enum Command {
     Generate(Generate),
     /// Show what a track is like
     Show {
-        /// A track: x_m,z_irregularity_mm or x_m,z_left_mm,z_right_mm[,y_left_mm,y_right_mm]
-        #[arg(value_name = "FILE.csv")]
+        /// A track: x_m,z_irregularity_mm or x_m,z_left_mm,z_right_mm[,y_left_mm,y_right_mm]; or one that was learnt (host-sim calibrate)
+        #[arg(value_name = "FILE")]
         track: PathBuf,
         /// Draw it into this file, too
         #[arg(long, value_name = "FILE.svg")]
@@ -89,7 +96,10 @@ fn write(arguments: &Generate) -> Result<()> {
 }
 
 fn show(path: &Path, svg: Option<&Path>) -> Result<()> {
-    let track = table::read(path)?;
+    let (facts, track) = match calibrate::read_of_any_bridge(path)? {
+        Some((learnt, bridge)) => (describe_learnt(&learnt, bridge)?, rails(&learnt)),
+        None => (String::new(), table::read(path)?),
+    };
     if let Some(svg) = svg {
         if let (Ok(from), Ok(to)) = (path.canonicalize(), svg.canonicalize())
             && from == to
@@ -102,7 +112,62 @@ fn show(path: &Path, svg: Option<&Path>) -> Result<()> {
         let name = path.file_name().unwrap_or_default().display();
         picture::track::irregularity(svg, &format!("Irregularity of {name}"), &track)?;
     }
-    super::print(&describe(&track))
+    super::print(&(facts + &describe(&track)))
+}
+
+/// The rails of a learnt profile, at points.
+fn rails(learnt: &LearntTrack) -> Profile {
+    let [first, last] = learnt.profile.extent_m().unwrap_or_default().map(f64::from);
+    let spans = ((last - first) / POINT_M).ceil();
+    let x_m: Vec<f64> = (0..=spans as usize)
+        .map(|i| first + (last - first) * i as f64 / spans)
+        .collect();
+    let z_m = x_m
+        .iter()
+        .map(|&x| learnt.profile.at(Motion::Vertical, x as f32).value.into());
+    Profile::new(Rails::equal(x_m.clone(), z_m.collect()))
+}
+
+/// What was learnt beside the profile, by a bridge of this fingerprint.
+fn describe_learnt(learnt: &LearntTrack, fingerprint: u32) -> Result<String> {
+    let mut text = String::new();
+    let mut row = |key: &str, value: String| {
+        let _ = writeln!(text, "{key:<20} {value}");
+    };
+    let mut bridge = format!("one of your own (fingerprint {fingerprint:08x})");
+    for name in model::shipped_names() {
+        // Those that are too large for a logger have no track.
+        if let Ok(reduced) = reduce(&model::shipped(name)?)
+            && calibrate::bridge_crc(&reduced).is_ok_and(|of| of == fingerprint)
+        {
+            name.clone_into(&mut bridge);
+        }
+    }
+    row("bridge", bridge);
+    row("learnt from", format!("{} passages", learnt.passages));
+    for kind in [TrainKind::Inspection2Dof, TrainKind::Shinkansen3d] {
+        let speeds = learnt.speeds[kind as usize];
+        if speeds != 0 {
+            let from_kmh = |band: u32| 3.6 * FIRST_BAND_MPS * (band as f32 / BANDS_AN_OCTAVE).exp2();
+            let [slowest, fastest] = [speeds.trailing_zeros(), u64::BITS - speeds.leading_zeros()].map(from_kmh);
+            let name = TrainName::Known(kind);
+            row(
+                "trains",
+                format!("{}, between {slowest:.0} and {fastest:.0} km/h", name.name()),
+            );
+        }
+    }
+    row("stiffness", format!("{:.4} of the model's", learnt.stiffness));
+    row("damping", format!("{:.3} of the model's", learnt.damping));
+    let floor = learnt.spread * learnt.spread.transpose();
+    let points = floor
+        .diagonal()
+        .map(|variance| format!("{:.2}", 100.0 * variance.sqrt()));
+    row(
+        "known at best to",
+        format!("{} points, elements 1 to {ELEMENTS}", points.as_slice().join(" ")),
+    );
+    Ok(text)
 }
 
 fn describe(track: &Profile) -> String {

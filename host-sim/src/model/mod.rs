@@ -42,10 +42,15 @@ const SHIPPED: &[(&str, &str)] = &[
     ("rdso45m", include_str!("../../bridges/rdso45m.toml")),
 ];
 
+/// Their names.
+pub fn shipped_names() -> impl Iterator<Item = &'static str> {
+    SHIPPED.iter().map(|(name, _)| *name)
+}
+
 /// The bridge of that name among those that come with the program.
 pub fn shipped(name: &str) -> Result<BridgeFrame> {
     let Some((_, text)) = SHIPPED.iter().find(|(known, _)| *known == name) else {
-        let known: Vec<&str> = SHIPPED.iter().map(|(known, _)| *known).collect();
+        let known: Vec<&str> = shipped_names().collect();
         bail!(
             "there is no bridge named \"{name}\"; the bridges known here are: {}",
             known.join(", ")

@@ -18,7 +18,7 @@ use spanwatch::session::{Device, Key};
 use spanwatch::settings::{Identity, Part};
 use spanwatch::wire::message::{
     Acknowledgement, Answer, CHUNK_BYTES, Chunk, Configuration, Event, NewKey, Notice, Outcome, PassagePiece, Request,
-    SampleBlock, SetupRequest, Status,
+    SampleBlock, SetupRequest, Status, TrackState,
 };
 
 use crate::channel::Channel;
@@ -182,10 +182,11 @@ impl Station {
         self.send_whole(track, Request::Track)
     }
 
-    /// Sees to it that the logger has a learnt track; one that it has been given already is not sent again, since that would take back
-    /// that it has changed.
+    /// Sees to it that the logger has a learnt track; one that it has been given already and still has is not sent again, since that would
+    /// take back that it has changed.
     pub fn keep_track(&mut self, track: &[u8]) -> Result<()> {
-        if self.track.as_deref() != Some(track) {
+        let has_one = self.status()?.track != TrackState::Unknown;
+        if !has_one || self.track.as_deref() != Some(track) {
             self.load_track(track)?;
             self.track = Some(track.to_vec());
         }

@@ -71,10 +71,6 @@ fn judgement(report: &PassageReport) -> String {
     text
 }
 
-/// Why a passage on a learnt track says nothing.
-pub const UNCALIBRATED: &str = "no train of this kind, speed and direction was among those that the track was learnt from; learn it from such trains, \
-                                too";
-
 /// The track has changed.
 pub fn track_changed(report: &TrackReport, start_s: f64) -> String {
     let since = match report.since {
@@ -83,8 +79,8 @@ pub fn track_changed(report: &TrackReport, start_s: f64) -> String {
         since => format!(", perhaps since passage {since}"),
     };
     format!(
-        "TRACK CHANGED, seen in passage {} at {start_s:.2} s{since}: it leaves {:.0} standard deviations more unexplained than healthy passages \
-         did, the last twenty on average {:.1}. The rails were changed, or trains, speeds or a sensor are not what is told; whether there is damage \
+        "TRACK CHANGED, seen in passage {} at {start_s:.2} s{since}. Passages leave more unexplained than healthy ones did: in \
+         standard deviations {:+.1} this one, {:+.1} the last twenty that were believed, on average. The rails were changed, or trains, speeds or a sensor are not what is told; whether there is damage \
          beside that is not known. Nothing is identified until the track is learnt anew from passages \
          after the change (host-sim calibrate --since OLD.blob, which looks for damage, too); what was known of the bridge is kept.",
         report.passage, report.misfit, report.mean_misfit
@@ -154,7 +150,7 @@ pub fn why(reason: &Reason) -> String {
                 .to_owned()
         }
         Reason::Uncalibrated => {
-            UNCALIBRATED.to_owned()
+            "no train of this kind, speed and direction was among those that the track was learnt from; learn it from such trains, too".to_owned()
         }
         Reason::Interrupted => "another model of the bridge came before the search was over".to_owned(),
         Reason::BadQuality => "too many of its samples cannot be used".to_owned(),

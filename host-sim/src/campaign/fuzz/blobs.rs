@@ -12,6 +12,7 @@ use spanwatch::interaction::{Observation, Run, Scheme};
 use spanwatch::track::blob::{self as track_blob, TRACK_BLOB_BYTES};
 use spanwatch::track::learnt::{LearntTrack, Spread, UNLEARNT, Unexplained};
 use spanwatch::track::profile::{Knots, Profile, Stretch};
+use spanwatch::track::watch::Watch;
 use spanwatch::track::{Motion, Track};
 use spanwatch::train::PlanarTrain;
 use spanwatch::wire::message::{Quantity, TrainKind};
@@ -349,9 +350,14 @@ pub(super) fn broken_evidence(chance: &mut Chance) -> Vec<u8> {
         track: chance.pick(&[0, 1, 2]),
         spread: &track.spread,
     };
+    let mut watch = Watch::NEW;
+    for passage in 0..chance.below(5) as u32 {
+        let z = chance.pick(&[0.0, 1.0, -3.0, 1e3, 1e38, f32::NAN, f32::INFINITY]);
+        watch.judge(&track, passage, Some(z));
+    }
     let mut buffer = [0; EVIDENCE_BYTES];
     let mut bytes = evidence
-        .to_bytes(&basis, &mut buffer)
+        .to_bytes(&basis, watch, &mut buffer)
         .map(<[u8]>::to_vec)
         .unwrap_or_default();
     if chance.once_in(2) {
@@ -372,15 +378,21 @@ pub(super) fn run_evidence(chance: &mut Chance) -> Result<Counts, String> {
         spread: &UNLEARNT.spread,
     };
     let forgetting = Forgetting::new(1000.0, 20.0).map_err(|error| error.to_string())?;
-    let Ok(mut evidence) = Evidence::from_bytes(&bytes, &basis, forgetting) else {
+    let Ok((mut evidence, watch)) = Evidence::from_bytes(&bytes, &basis, forgetting) else {
         return Ok(Counts::of(false));
     };
+    let watch = watch.unwrap_or_default();
     let reads = |evidence: &Evidence, when: &str| -> Result<(), String> {
         let mut buffer = [0; EVIDENCE_BYTES];
-        let written = evidence.to_bytes(&basis, &mut buffer).ok_or("it cannot be written")?;
+        let written = evidence
+            .to_bytes(&basis, watch, &mut buffer)
+            .ok_or("it cannot be written")?;
         let again = Evidence::from_bytes(written, &basis, forgetting);
         let again = again.map_err(|error| format!("{when}, it is refused once written: {error}"))?;
-        must!(again == *evidence, "{when}, it is another once written");
+        must!(
+            again == (evidence.clone(), Some(watch)),
+            "{when}, it is another once written"
+        );
         let estimate = evidence.estimate(ELEMENTS);
         let numbers = (estimate.damage.iter())
             .chain(&estimate.std)

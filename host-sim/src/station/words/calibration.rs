@@ -1,4 +1,6 @@
-//! Whether more passages would teach more of a track, and others.
+//! What was learnt: damage that came with the change of a track, and whether more passages would teach more of it, and others.
+
+use spanwatch::identify::estimate::{ALARM_DAMAGE, ALARM_DEVIATIONS};
 
 use crate::calibrate::Calibration;
 
@@ -75,9 +77,51 @@ pub fn gain(gain: &Gain) -> String {
     )
 }
 
+/// Which elements are damaged beyond doubt, as a logger would say of their losses with these standard deviations.
+pub fn damage(losses: &[[f64; 2]]) -> String {
+    let [least, sure] = [ALARM_DAMAGE, ALARM_DEVIATIONS].map(f64::from);
+    let named = |is: &dyn Fn(f64, f64) -> bool| -> Vec<String> {
+        (losses.iter().enumerate())
+            .filter(|(_, [loss, deviation])| is(*loss, *deviation))
+            .map(|(e, [loss, _])| format!("element {} by {:.1} %", e + 1, 100.0 * loss.abs()))
+            .collect()
+    };
+    let gained = named(&|loss, deviation| -loss > sure * deviation);
+    if !gained.is_empty() {
+        return format!(
+            "Not to be relied on: stiffer than before beyond doubt would be {}. Trains, speeds, sensors or the bridge are not what is told.",
+            gained.join(", ")
+        );
+    }
+    let lost = named(&|loss, deviation| loss > least && loss > sure * deviation);
+    if !lost.is_empty() {
+        return format!("DAMAGE beyond doubt: softer are {}.", lost.join(", "));
+    }
+    let hidden = (losses.iter()).fold(least, |most, [_, deviation]| most.max(sure * deviation));
+    format!(
+        "No damage beyond doubt. A loss of up to {:.0} % in one element could have gone unseen.",
+        100.0 * hidden.min(1.0)
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn damage_is_named_if_it_is_large_and_sure_and_no_element_has_gained() {
+        let mut losses = [[0.01, 0.01]; 3];
+        assert!(damage(&losses).contains("No damage beyond doubt. A loss of up to 5 %"));
+        losses[1] = [0.3, 0.08];
+        assert!(damage(&losses).contains("No damage beyond doubt. A loss of up to 40 %"));
+        losses[1] = [0.3, 0.05];
+        assert_eq!(damage(&losses), "DAMAGE beyond doubt: softer are element 2 by 30.0 %.");
+        losses[0] = [-0.1, 0.01];
+        assert!(
+            damage(&losses)
+                .contains("Not to be relied on: stiffer than before beyond doubt would be element 1 by 10.0 %")
+        );
+    }
 
     #[test]
     fn more_passages_help_while_they_teach_and_other_speeds_where_these_teach_no_more() {

@@ -154,7 +154,8 @@ pub fn verdict(found: &Identification, elements: usize) -> String {
     sentences.join(" ")
 }
 
-/// The verdict as a word, for programs: `out of time`, `unexplained`, `implausible`, `damaged`, `undecided` or `healthy`, as a logger decides.
+/// The verdict as a word, for programs: `out of time`, `unexplained`, `implausible`, `damaged`, `undecided` or `healthy`, as a logger decides
+/// whom no learnt track makes doubt.
 pub fn kind(found: &Identification, elements: usize) -> &'static str {
     if found.stop == Stop::Budget {
         "out of time"

@@ -44,12 +44,16 @@ pub struct Plan {
     pub uneven: bool,
     /// Standard deviation of the stiffness of the whole bridge from passage to passage.
     pub temperature: f32,
+    /// RMS of what a change of the track changes, m.
+    pub change_m: f64,
     /// Healthy passages that the track is learnt from.
     pub healthy: usize,
     /// Passages that are monitored, at most.
     pub passages: usize,
-    /// Viaducts of each row, of seeds 1, 2, ..
+    /// Viaducts of each row, ...
     pub viaducts: u32,
+    /// ... of this seed and those that follow.
+    pub first_seed: u64,
 }
 
 impl Plan {
@@ -170,7 +174,7 @@ fn each_viaduct<M: Method, O: Send>(
     }
     let jobs: Vec<(Spectrum, Speeds, u64)> = (plan.classes.iter())
         .flat_map(|&class| plan.speeds.iter().map(move |&speeds| (class, speeds)))
-        .flat_map(|(class, speeds)| (1..=u64::from(plan.viaducts)).map(move |seed| (class, speeds, seed)))
+        .flat_map(|(class, speeds)| (0..u64::from(plan.viaducts)).map(move |i| (class, speeds, plan.first_seed + i)))
         .collect();
     let of_job = |&(class, speeds, seed): &(Spectrum, Speeds, u64)| -> Result<Vec<Result<O, String>>> {
         let setting = Setting {
@@ -179,6 +183,7 @@ fn each_viaduct<M: Method, O: Send>(
             speeds,
             uneven: plan.uneven,
             temperature: plan.temperature,
+            change_m: plan.change_m,
         };
         let timetable = Timetable {
             viaduct: Viaduct::new(bridge, &setting, seed)?,

@@ -58,6 +58,9 @@ pub struct Said {
     pub unused: Option<Reason>,
 }
 
+/// Version of what is learnt, in the names of kept lessons: to be raised with any change of what the same passages teach.
+const LESSONS: u32 = 1;
+
 /// Learnt on the base station, monitored by the logger itself, which is told each train and goes on from the evidence of those before.
 #[derive(Debug, Clone)]
 pub struct Logged {
@@ -82,7 +85,7 @@ impl Logged {
         })
     }
 
-    /// The file of what these passages teach, named by their samples and by all that it depends on.
+    /// The file of what these passages teach, named by their samples, the bridge's model, the seed and [`LESSONS`].
     fn lesson(&self, passages: &[calibrate::Passage]) -> Option<PathBuf> {
         let mut digest = CRC32C.digest();
         for sample in passages.iter().flat_map(|passage| &passage.observed.samples) {
@@ -90,7 +93,7 @@ impl Logged {
         }
         digest.update(&fingerprint(&self.blob).to_le_bytes());
         digest.update(&self.seed.to_le_bytes());
-        let name = format!("track-{}-{:08x}.blob", passages.len(), digest.finalize());
+        let name = format!("track-v{LESSONS}-{}-{:08x}.blob", passages.len(), digest.finalize());
         Some(self.lessons.as_ref()?.join(name))
     }
 }
@@ -199,7 +202,7 @@ impl Monitor for Watching<'_> {
             recent_passages,
         } = Memory::default();
         let forgetting = Forgetting::new(long_passages, recent_passages)?;
-        let evidence = Evidence::from_bytes(&self.evidence, &self.basis, forgetting)?;
+        let (evidence, _) = Evidence::from_bytes(&self.evidence, &self.basis, forgetting)?;
         let mut said = Said {
             estimate: evidence.against(self.learnt).estimate(ELEMENTS),
             alarm: 0,
@@ -231,7 +234,7 @@ impl Monitor for Watching<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::campaign::{Plan, changes, detection, errors, healthy};
-    use super::super::truth::{NOISE, SENSORS, Setting, Speeds, State, Traffic, Viaduct};
+    use super::super::truth::{CHANGE_M, NOISE, SENSORS, Setting, Speeds, State, Traffic, Viaduct};
     use super::*;
     use crate::calibrate::knots;
     use crate::model;
@@ -249,6 +252,7 @@ mod tests {
         speeds: Speeds::Spread,
         uneven: false,
         temperature: 0.0,
+        change_m: CHANGE_M,
     };
 
     /// Stands in for a calibration: it is shown the true track of the viaduct of seed 1.
@@ -312,10 +316,12 @@ mod tests {
             traffic: SETTING.traffic,
             uneven: SETTING.uneven,
             temperature: SETTING.temperature,
+            change_m: SETTING.change_m,
             // Nothing is learnt from them; but the bound counts them.
             healthy: 40,
             passages,
             viaducts: 1,
+            first_seed: 1,
         }
     }
 

@@ -12,7 +12,7 @@
 //! | masses of each car | off by a Gaussian 2 % | equal |
 //! | stiffness of the whole bridge, if it varies | off by a Gaussian part | 1 |
 //!
-//! A change of the track is another track of the same spectrum, its line between both ends taken off, brought to [`CHANGE_M`] RMS from
+//! A change of the track is another track of the same spectrum, its line between both ends taken off, brought to an RMS ([`Setting::change_m`]) from
 //! [`CHANGE_FROM_M`] to the bridge's end and to nothing at either end.
 
 use anyhow::Result;
@@ -52,9 +52,9 @@ pub const LEAD_S: f64 = 1.6;
 pub const TAIL_S: f64 = 2.0;
 /// Where the track begins and how far behind node 1 it ends, m: 3 s before the bridge at 270 km/h, a car's length and more behind it.
 const TRACK_M: [f64; 2] = [-250.0, 90.0];
-/// A change of the track: its RMS, m, ...
+/// RMS of a change of the track, unless another one is asked for, m.
 pub const CHANGE_M: f64 = 0.5e-3;
-/// ... where it begins, m, ...
+/// Where a change of the track begins, m, ...
 pub const CHANGE_FROM_M: f64 = -20.0;
 /// ... and the length at either end over which it comes and goes, m.
 const CHANGE_TAPER_M: f64 = 5.0;
@@ -158,6 +158,8 @@ pub struct Setting {
     pub uneven: bool,
     /// Standard deviation of the stiffness of the whole bridge from passage to passage, as a part of it.
     pub temperature: f32,
+    /// RMS of what a change of the track changes, m.
+    pub change_m: f64,
 }
 
 impl Setting {
@@ -235,7 +237,12 @@ impl Viaduct {
         };
         let track = |purpose| generate(setting.class, generator(seed, 0, purpose).next_u64(), &stretch);
         let before = track(Purpose::Track)?;
-        let after = changed(&before, &track(Purpose::Change)?, model.path.length_m());
+        let after = changed(
+            &before,
+            &track(Purpose::Change)?,
+            model.path.length_m(),
+            setting.change_m,
+        );
         Ok(Self {
             setting: *setting,
             seed,
@@ -330,7 +337,7 @@ fn generator(seed: u64, index: usize, purpose: Purpose) -> Xoshiro256PlusPlus {
 }
 
 /// The track `before` with a change after the shape of `other`.
-fn changed(before: &Profile, other: &Profile, length_m: f64) -> Profile {
+fn changed(before: &Profile, other: &Profile, length_m: f64, change_m: f64) -> Profile {
     let x_m = &before.rails().x_m;
     let within: Vec<usize> = (0..x_m.len())
         .filter(|&i| (CHANGE_FROM_M..=length_m).contains(&x_m[i]))
@@ -347,7 +354,7 @@ fn changed(before: &Profile, other: &Profile, length_m: f64) -> Profile {
             u * u * u * (10.0 - u * (15.0 - 6.0 * u)) * (heights[i] - line)
         })
         .collect();
-    let scale = CHANGE_M / rms(&change);
+    let scale = change_m / rms(&change);
     change.iter_mut().for_each(|height| *height *= scale);
     let mut heights = before.rails().z_m[0].clone();
     for (&i, change) in within.iter().zip(change) {
@@ -466,6 +473,7 @@ mod tests {
         speeds: Speeds::Spread,
         uneven: true,
         temperature: 0.0,
+        change_m: CHANGE_M,
     };
 
     fn viaduct(setting: Setting, seed: u64) -> Viaduct {
