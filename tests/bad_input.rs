@@ -365,7 +365,8 @@ fn calibrate_says_what_keeps_it_from_learning() {
         refused(&folder, &arguments, words);
     };
     learn(&["a.csv", "absent.csv"], &["absent.csv"]);
-    learn(&["a.csv", "b.csv", "c.csv"], &["only 3 of 3", "5 at least"]);
+    let copies = ["only 1 of 3", "5 at least", "b.csv: it is the same passage as a.csv"];
+    learn(&["a.csv", "b.csv", "c.csv"], &copies);
 
     write(
         "other",

@@ -27,6 +27,7 @@ use spanwatch::bridge::ReducedBridge;
 use spanwatch::capacity::{CHANNELS, ELEMENTS};
 use spanwatch::identify::Identification;
 use spanwatch::identify::hybrid::UNEXPLAINED;
+use spanwatch::identify::objective::Squares;
 use spanwatch::interaction::{Direction, Run};
 use spanwatch::track::blob;
 use spanwatch::track::learnt::{LearntTrack, UNLEARNT, Unexplained};
@@ -39,7 +40,7 @@ use crate::batch::each;
 use crate::identification::Observed;
 use crate::model::to_blob;
 use joint::{Candidate, Joint, MOST_STEPS};
-use linear::{COEFFICIENTS, Linear, Passing, SHARED_DAMPING, SHARED_STIFFNESS};
+use linear::{COEFFICIENTS, Passing, SHARED_DAMPING, SHARED_STIFFNESS};
 use reference::{deviations, noise, unseen_m};
 
 /// A passage is left out if what it leaves unexplained is so many robust deviations above the others' median.
@@ -219,7 +220,10 @@ pub fn calibrate(
         let solved = joint.solve(&mut candidates, &|done| progress(1 + done, turns))?;
         steps += solved.steps;
         // One that is far off hides others behind it: asked again until there is none.
-        let outlying = outlying(&solved.passages);
+        let squares: Vec<[Squares; 2]> = (solved.passages.iter())
+            .map(|passage| [passage.power, passage.residuals])
+            .collect();
+        let outlying = outlying(&squares);
         if outlying.is_empty() {
             let left = median(&solved.unexplained);
             if left > UNEXPLAINED.into() {
@@ -400,12 +404,11 @@ pub fn bridge_crc(bridge: &ReducedBridge<f64>) -> Result<u32> {
 }
 
 /// The places of what is explained far worse than the rest lets expect of passages as strong as these: a sensor's own noise is the same in
-/// all of them.
-fn outlying(passages: &[Linear]) -> Vec<usize> {
-    // By channel and passage: the mean squares of what was recorded and of what is left of it.
+/// all of them. Of each passage: what was recorded, and what is left of it.
+fn outlying(passages: &[[Squares; 2]]) -> Vec<usize> {
     let squares = (0..CHANNELS).map(|c| -> Vec<[f64; 2]> {
         (passages.iter())
-            .map(|passage| [&passage.power, &passage.residuals].map(|squares| squares.mean_of(c).into()))
+            .map(|both| both.map(|squares| squares.mean_of(c).into()))
             .collect()
     });
     let channels: Vec<Vec<[f64; 2]>> = squares.filter(|of| of.iter().any(|[power, _]| *power > 0.0)).collect();
@@ -433,4 +436,40 @@ fn median(values: &[f64]) -> f64 {
     sorted.sort_by(f64::total_cmp);
     let n = sorted.len();
     0.5 * (sorted[(n - 1) / 2] + sorted[n / 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_core::SeedableRng;
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+    use crate::random::{gaussian, unit};
+
+    /// Passages of very different strength, by three sensors of constant noise and a model that is a little wrong.
+    fn passages(odd: &[(usize, f32)]) -> Vec<[Squares; 2]> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let mut all: Vec<[Squares; 2]> = (0..20)
+            .map(|_| {
+                let power = 10.0_f64.powf(3.0 * unit(&mut rng));
+                let left = (1e-2 + 1e-4 * power) * (1.0 + 0.03 * gaussian(&mut rng));
+                [power, left].map(|mean| Squares {
+                    sum: [1800.0 * mean as f32; CHANNELS],
+                    count: [1800.0; CHANNELS],
+                })
+            })
+            .collect();
+        for &(i, times) in odd {
+            all[i][1].sum = all[i][1].sum.map(|sum| times * sum);
+        }
+        all
+    }
+
+    #[test]
+    fn a_weak_passage_is_none_the_worse_for_the_sensors_noise_and_one_that_is_explained_worse_is_left_out() {
+        let none: [usize; 0] = [];
+        assert_eq!(outlying(&passages(&[])), none);
+        assert_eq!(outlying(&passages(&[(3, 1.1)])), none);
+        assert_eq!(outlying(&passages(&[(3, 2.0), (17, 20.0)])), [3, 17]);
+    }
 }

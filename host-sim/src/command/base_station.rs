@@ -1,6 +1,7 @@
 //! `host-sim base-station`: attends to many loggers at once, stores what they say, and takes orders for them.
 
 use std::path::PathBuf;
+use std::time::SystemTime;
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -77,10 +78,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         ))?;
     }
     for said in said {
+        let time = humantime::format_rfc3339_seconds(SystemTime::now());
         if arguments.json {
-            super::print_json(&as_json(&said))?;
+            let mut line = as_json(&said);
+            line["time"] = json!(time.to_string());
+            super::print_json(&line)?;
         } else {
-            super::print(&format!("{}\n", as_text(&said)))?;
+            super::print(&format!("{time}  {}\n", as_text(&said)))?;
         }
     }
     Ok(())

@@ -8,9 +8,8 @@ use host_sim::recording::Recording;
 use host_sim::replay::{self, Keep, Told};
 use host_sim::station::{store::Store, words};
 use host_sim::{calibrate, output};
-
 use serde_json::json;
-use spanwatch::wire::message::{Alert, PassageReport, Quantity, Status, Verdict};
+use spanwatch::wire::message::{Alert, PassageReport, Quantity, Status, TrackState, Verdict};
 
 use super::reach::Reach;
 
@@ -86,6 +85,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     // The base station has stored what comes through it.
     let by_station = arguments.reach.by_station();
     let mut station = arguments.reach.station()?;
+    if track.is_none() && station.status()?.track != TrackState::Unknown {
+        eprintln!("note: the logger has been given a learnt track before, and monitors its bridge with that");
+    }
     let (mut samples, mut passages, mut alerts) = (0, 0, 0);
     let mut last = None;
     for prepared in &prepared {
@@ -98,6 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             };
             super::print(&format!("{source}{open}\n"))?;
         }
+        let before = passages;
         let tell = |told: &Told| match told {
             Told::Passage { report, start_s, end_s } => {
                 passages += 1;
@@ -151,6 +154,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 "  {}\n",
                 words::no_passage(&prepared.recording, &prepared.configuration.trigger)
             ))?;
+        }
+        let unheard = status.passages.saturating_sub(passages - before);
+        if unheard > 0 {
+            eprintln!(
+                "note: {source}: of {} passages {unheard} were not reported here; where a base station was away meanwhile, it has them now (host-sim \
+                 query passages)",
+                status.passages
+            );
         }
         samples += status.samples;
         // The logger counts anew with each recording.
