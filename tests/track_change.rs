@@ -7,7 +7,6 @@ mod program;
 mod rails;
 
 use std::path::Path;
-use std::process::Command;
 
 use host_sim::channel::InProcess;
 use host_sim::model;
@@ -145,11 +144,7 @@ fn what_a_logger_keeps_is_a_recording_like_any_other() {
     std::fs::write(folder.join("rails.blob"), learn(&rails, 100.0)).expect("room");
     record(folder, "slow", &rails, "--speed-kmh 60");
     let run = |arguments: &str| {
-        let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-            .current_dir(folder)
-            .args(arguments.split(' '))
-            .output()
-            .expect("host-sim runs");
+        let output = program::host_sim(folder, &arguments.split(' ').collect::<Vec<_>>());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8(output.stdout).expect("text")
     };
