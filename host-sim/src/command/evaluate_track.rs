@@ -11,7 +11,7 @@ use host_sim::study::track::campaign::{self, Plan};
 use host_sim::study::track::design;
 use host_sim::study::track::method::Logged;
 use host_sim::study::track::table;
-use host_sim::study::track::truth::{CHANGE_M, SENSORS, Speeds, State, Traffic};
+use host_sim::study::track::truth::{Change, SENSORS, Speeds, State, Traffic};
 use host_sim::track::Spectrum;
 use host_sim::{calibrate, terminal};
 use serde_json::Value;
@@ -77,8 +77,11 @@ pub(super) struct Track {
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.1,0.2", value_name = "PARTS")]
     losses: Vec<f64>,
     /// change: RMS of it, mm
-    #[arg(long, default_value_t = 1e3 * CHANGE_M, value_name = "MM")]
+    #[arg(long, default_value_t = 1e3 * Change::HALF_A_MILLIMETRE.rms_m, value_name = "MM")]
     change_mm: f64,
+    /// change: longest wave of it; without it the longest of the spectrum, which trains feel most
+    #[arg(long, value_name = "M")]
+    change_longest_m: Option<f64>,
     /// bound: the coarser knots of the design's bounds, in place of those that are learnt
     #[arg(long)]
     design_knots: bool,
@@ -186,7 +189,10 @@ impl Track {
             },
             uneven: !self.alike,
             temperature: self.temperature,
-            change_m: 1e-3 * self.change_mm,
+            change: Change {
+                rms_m: 1e-3 * self.change_mm,
+                longest_m: self.change_longest_m.unwrap_or(f64::INFINITY),
+            },
             healthy: self.healthy,
             passages: self.passages.unwrap_or(passages),
             viaducts: self.tracks.unwrap_or(tracks),

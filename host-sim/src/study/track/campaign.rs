@@ -21,7 +21,7 @@ use spanwatch::track::profile::Profile;
 
 use super::bound::{Known, Problem, bound};
 use super::method::{Method, Said};
-use super::truth::{Passage, Setting, Speeds, State, Traffic, Viaduct};
+use super::truth::{Change, Passage, Setting, Speeds, State, Traffic, Viaduct};
 use crate::batch;
 use crate::calibrate::knots;
 use crate::model::BridgeFrame;
@@ -44,8 +44,8 @@ pub struct Plan {
     pub uneven: bool,
     /// Standard deviation of the stiffness of the whole bridge from passage to passage.
     pub temperature: f32,
-    /// RMS of what a change of the track changes, m.
-    pub change_m: f64,
+    /// How the track changes.
+    pub change: Change,
     /// Healthy passages that the track is learnt from.
     pub healthy: usize,
     /// Passages that are monitored, at most.
@@ -183,7 +183,7 @@ fn each_viaduct<M: Method, O: Send>(
             speeds,
             uneven: plan.uneven,
             temperature: plan.temperature,
-            change_m: plan.change_m,
+            change: plan.change,
         };
         let timetable = Timetable {
             viaduct: Viaduct::new(bridge, &setting, seed)?,

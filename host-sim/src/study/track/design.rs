@@ -8,7 +8,7 @@ use spanwatch::capacity::ELEMENTS;
 use spanwatch::track::profile::{Knots, Profile};
 
 use super::bound::{Known, Problem, bound, information};
-use super::truth::{CHANGE_M, SENSORS, Setting, Speeds, Stock, Traffic, Viaduct};
+use super::truth::{Change, SENSORS, Setting, Speeds, Stock, Traffic, Viaduct};
 use crate::batch;
 use crate::evaluate::aligned;
 use crate::model::BridgeFrame;
@@ -116,7 +116,7 @@ pub fn run(bridge: &BridgeFrame, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
             speeds: Speeds::Spread,
             uneven: plan.uneven,
             temperature: plan.temperature,
-            change_m: CHANGE_M,
+            change: Change::HALF_A_MILLIMETRE,
         };
         let viaducts = (1..=u64::from(plan.tracks))
             .map(|seed| {

@@ -234,7 +234,7 @@ impl Monitor for Watching<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::campaign::{Plan, changes, detection, errors, healthy};
-    use super::super::truth::{CHANGE_M, NOISE, SENSORS, Setting, Speeds, State, Traffic, Viaduct};
+    use super::super::truth::{Change, NOISE, SENSORS, Setting, Speeds, State, Traffic, Viaduct};
     use super::*;
     use crate::calibrate::knots;
     use crate::model;
@@ -252,7 +252,7 @@ mod tests {
         speeds: Speeds::Spread,
         uneven: false,
         temperature: 0.0,
-        change_m: CHANGE_M,
+        change: Change::HALF_A_MILLIMETRE,
     };
 
     /// Stands in for a calibration: it is shown the true track of the viaduct of seed 1.
@@ -316,7 +316,7 @@ mod tests {
             traffic: SETTING.traffic,
             uneven: SETTING.uneven,
             temperature: SETTING.temperature,
-            change_m: SETTING.change_m,
+            change: SETTING.change,
             // Nothing is learnt from them; but the bound counts them.
             healthy: 40,
             passages,

@@ -12,7 +12,7 @@
 //! | masses of each car | off by a Gaussian 2 % | equal |
 //! | stiffness of the whole bridge, if it varies | off by a Gaussian part | 1 |
 //!
-//! A change of the track is another track of the same spectrum, its line between both ends taken off, brought to an RMS ([`Setting::change_m`]) from
+//! A change of the track is another track of the same spectrum, its line between both ends taken off, brought to an RMS ([`Change`]) from
 //! [`CHANGE_FROM_M`] to the bridge's end and to nothing at either end.
 
 use anyhow::Result;
@@ -52,8 +52,6 @@ pub const LEAD_S: f64 = 1.6;
 pub const TAIL_S: f64 = 2.0;
 /// Where the track begins and how far behind node 1 it ends, m: 3 s before the bridge at 270 km/h, a car's length and more behind it.
 const TRACK_M: [f64; 2] = [-250.0, 90.0];
-/// RMS of a change of the track, unless another one is asked for, m.
-pub const CHANGE_M: f64 = 0.5e-3;
 /// Where a change of the track begins, m, ...
 pub const CHANGE_FROM_M: f64 = -20.0;
 /// ... and the length at either end over which it comes and goes, m.
@@ -158,8 +156,8 @@ pub struct Setting {
     pub uneven: bool,
     /// Standard deviation of the stiffness of the whole bridge from passage to passage, as a part of it.
     pub temperature: f32,
-    /// RMS of what a change of the track changes, m.
-    pub change_m: f64,
+    /// How the track changes, if it does.
+    pub change: Change,
 }
 
 impl Setting {
@@ -170,6 +168,23 @@ impl Setting {
             ..ANNOUNCED
         }
     }
+}
+
+/// How a track changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// RMS of the change, m.
+    pub rms_m: f64,
+    /// Its longest wave, m; the spectrum has none that are longer.
+    pub longest_m: f64,
+}
+
+impl Change {
+    /// What is asked of a logger to see, in all waves of the spectrum.
+    pub const HALF_A_MILLIMETRE: Self = Self {
+        rms_m: 0.5e-3,
+        longest_m: f64::INFINITY,
+    };
 }
 
 /// What has become of bridge and track by a passage.
@@ -228,21 +243,20 @@ impl Viaduct {
     /// If the bridge has no model for a logger.
     pub fn new(bridge: &BridgeFrame, setting: &Setting, seed: u64) -> Result<Self> {
         let model = reduce(bridge)?;
-        let stretch = Stretch {
-            from_m: TRACK_M[0],
-            to_m: TRACK_M[1],
-            longest_m: setting.class.waves_m()[1],
-            vertical_only: true,
-            ..Stretch::default()
+        let [_, longest_m] = setting.class.waves_m();
+        let track = |purpose, longest_m| {
+            let stretch = Stretch {
+                from_m: TRACK_M[0],
+                to_m: TRACK_M[1],
+                longest_m,
+                vertical_only: true,
+                ..Stretch::default()
+            };
+            generate(setting.class, generator(seed, 0, purpose).next_u64(), &stretch)
         };
-        let track = |purpose| generate(setting.class, generator(seed, 0, purpose).next_u64(), &stretch);
-        let before = track(Purpose::Track)?;
-        let after = changed(
-            &before,
-            &track(Purpose::Change)?,
-            model.path.length_m(),
-            setting.change_m,
-        );
+        let before = track(Purpose::Track, longest_m)?;
+        let other = track(Purpose::Change, longest_m.min(setting.change.longest_m))?;
+        let after = changed(&before, &other, model.path.length_m(), setting.change.rms_m);
         Ok(Self {
             setting: *setting,
             seed,
@@ -337,7 +351,7 @@ fn generator(seed: u64, index: usize, purpose: Purpose) -> Xoshiro256PlusPlus {
 }
 
 /// The track `before` with a change after the shape of `other`.
-fn changed(before: &Profile, other: &Profile, length_m: f64, change_m: f64) -> Profile {
+fn changed(before: &Profile, other: &Profile, length_m: f64, rms_m: f64) -> Profile {
     let x_m = &before.rails().x_m;
     let within: Vec<usize> = (0..x_m.len())
         .filter(|&i| (CHANGE_FROM_M..=length_m).contains(&x_m[i]))
@@ -354,7 +368,7 @@ fn changed(before: &Profile, other: &Profile, length_m: f64, change_m: f64) -> P
             u * u * u * (10.0 - u * (15.0 - 6.0 * u)) * (heights[i] - line)
         })
         .collect();
-    let scale = change_m / rms(&change);
+    let scale = rms_m / rms(&change);
     change.iter_mut().for_each(|height| *height *= scale);
     let mut heights = before.rails().z_m[0].clone();
     for (&i, change) in within.iter().zip(change) {
@@ -473,7 +487,7 @@ mod tests {
         speeds: Speeds::Spread,
         uneven: true,
         temperature: 0.0,
-        change_m: CHANGE_M,
+        change: Change::HALF_A_MILLIMETRE,
     };
 
     fn viaduct(setting: Setting, seed: u64) -> Viaduct {
@@ -517,7 +531,7 @@ mod tests {
             after - before
         };
         let heights: Vec<f64> = (0..1400).map(|i| change(CHANGE_FROM_M + 0.05 * f64::from(i))).collect();
-        assert!((rms(&heights) / CHANGE_M - 1.0).abs() < 1e-3);
+        assert!((rms(&heights) / Change::HALF_A_MILLIMETRE.rms_m - 1.0).abs() < 1e-3);
         for x in [-100.0, -21.0, 51.0, 80.0] {
             assert!(change(x).abs() < 1e-6, "{x}");
         }
