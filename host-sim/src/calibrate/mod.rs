@@ -41,7 +41,7 @@ use crate::identification::Observed;
 use crate::model::to_blob;
 use joint::{Candidate, Joint, MOST_STEPS};
 use linear::{COEFFICIENTS, Passing, SHARED_DAMPING, SHARED_STIFFNESS};
-use reference::{deviations, noise, unseen_m};
+use reference::{Reference, deviations, noise, unseen_m};
 
 /// A passage is left out if what it leaves unexplained is so many robust deviations above the others' median.
 const OUTLYING: f64 = 6.0;
@@ -246,20 +246,18 @@ pub fn calibrate(
     };
     progress(turns - 1, turns);
 
-    let learnt = joint.learnt(&candidates, &solved, options)?;
-    for (i, candidate) in &candidates {
+    let Reference {
+        learnt,
+        floor,
+        unexplained,
+    } = joint.reference(&candidates, &solved, options)?;
+    for ((i, candidate), unexplained) in candidates.iter().zip(unexplained) {
         outcomes[*i] = Outcome::Used {
             run: candidate.passing.run,
-            unexplained: [candidate.smooth, 0.0],
+            unexplained: [candidate.smooth, unexplained],
         };
     }
-    for ((i, _), unexplained) in candidates.iter().zip(&learnt.1) {
-        if let Outcome::Used { unexplained: both, .. } = &mut outcomes[*i] {
-            both[1] = *unexplained;
-        }
-    }
     progress(turns, turns);
-    let (learnt, _, floor) = learnt;
     let unseen_m = unseen_m(&solved.passages, &joint.short, unseen(&learnt).into());
     let floor_of = |covariance: &DMatrix<f64>, drift_m: f64| {
         let floor = joint.floor(&candidates, &solved, covariance, drift_m)?;

@@ -54,14 +54,24 @@ pub(super) fn short_waves(knots: &Knots<f64>) -> DMatrix<f64> {
     short
 }
 
+/// What damage is measured against from now on.
+pub(super) struct Reference {
+    /// For the logger.
+    pub(super) learnt: LearntTrack,
+    /// Standard deviation of each element's loss that no number of later passages goes below.
+    pub(super) floor: [f64; ELEMENTS],
+    /// What each passage leaves unexplained when it is monitored with that.
+    pub(super) unexplained: Vec<f32>,
+}
+
 impl Joint {
-    /// What the logger needs, what each passage leaves unexplained when it is monitored with that, and the floor of each element.
-    pub(super) fn learnt(
+    /// The reference that the passages make.
+    pub(super) fn reference(
         &self,
         candidates: &[(usize, Candidate<'_>)],
         solved: &Solved,
         options: &Options,
-    ) -> Result<(LearntTrack, Vec<f32>, [f64; ELEMENTS])> {
+    ) -> Result<Reference> {
         let mut learnt = LearntTrack {
             profile: self.shared.profile(&self.knots),
             stiffness: self.shared.stiffness as f32,
@@ -110,11 +120,11 @@ impl Joint {
         };
         let lower = factor.l();
         learnt.spread = SMatrix::from_fn(|i, j| lower[(i, j)] as f32);
-        Ok((
+        Ok(Reference {
             learnt,
-            monitored.iter().map(|found| found.unexplained).collect(),
-            deviations(&floor),
-        ))
+            floor: deviations(&floor),
+            unexplained: monitored.iter().map(|found| found.unexplained).collect(),
+        })
     }
 
     /// `B`: the covariance of the losses that what is left unknown of the shared unknowns makes, their `covariance`, and a drift of the
