@@ -437,8 +437,8 @@ fn in_words(
     let _ = writeln!(
         text,
         "\nThe logger believes the middle one: {:.3} mm rms in waves below 20 m is what the rails may change until the next calibration \
-         (--drift-mm). It sees a lasting change itself from {unseen_mm:.3} mm on; what lies between can pass for a loss as large as five times the \
-         last.",
+         (--drift-mm). It sees a lasting change of such waves itself from {unseen_mm:.3} mm on; one between the two can pass for losses of the \
+         size in the last column.",
         arguments.drift_mm
     );
     let _ = writeln!(text, "\n{}", words::gain(&gain(found, outcomes, elements)));
